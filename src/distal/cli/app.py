@@ -135,21 +135,17 @@ def ended_by(problem: BaseException) -> object:
     if type(problem).__name__ == "NoArgsIsHelpError":
         problem.show()  # type: ignore[attr-defined]
         return WRONG
+    code = WRONG
     if isinstance(problem, DistalError):
         text = str(problem)
-        code = WRONG
     elif isinstance(problem, _ClickError):
         text = problem.format_message()
-        code = WRONG
     elif isinstance(problem, OSError):
         text = f"{problem.filename or 'output'}: {problem.strerror or problem}"
-        code = WRONG
-        os.dup2(
-            os.open(os.devnull, os.O_WRONLY), 1
-        )  # what is left in a buffer cannot be written either
+        # what is left in a buffer cannot be written either
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     elif isinstance(problem, MemoryError):
         text = "there is not enough memory; estimate fewer or shorter logs at once"
-        code = WRONG
     elif os.environ.get(TRACEBACK):
         raise problem
     else:

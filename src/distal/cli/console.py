@@ -29,11 +29,6 @@ WIDTH = 120
 """Width of the output where it is no terminal [characters]. Source: layout."""
 
 
-def err() -> Console:
-    """Return the console on which warnings, errors and progress are printed."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
-
-
 def say(text: str) -> None:
     """Print a line on stdout; nothing in it is taken as markup."""
     out().print(printable(text), markup=False)
@@ -100,13 +95,11 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
     """
     grid = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
     for i, name in enumerate(columns):
-        cells = [len(row[i]) for row in rows]
-        if i == 0:
-            grid.add_column(name, no_wrap=max(cells, default=0) <= LONGEST_CELL)
-        elif i < text:
-            grid.add_column(name)
+        longest = max((len(row[i]) for row in rows), default=0)
+        if i < text:
+            grid.add_column(name, no_wrap=i == 0 and longest <= LONGEST_CELL)
         else:
-            grid.add_column(name, justify="right", min_width=max(cells, default=0))
+            grid.add_column(name, justify="right", min_width=longest)
     for row in rows:
         grid.add_row(*row)
     out().print(grid)
@@ -124,7 +117,8 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
     shown = Spinner("dots", Text(doing))
     is_terminal = sys.stdout is not None and sys.stdout.isatty()
     # what is printed meanwhile goes where it goes without the spinner
-    with Live(shown, console=err(), transient=True, redirect_stdout=is_terminal):
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    with Live(shown, console=console, transient=True, redirect_stdout=is_terminal):
         yield lambda text: shown.update(text=Text(text))
 
 

@@ -5,24 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import partial
-from math import degrees
-from typing import TYPE_CHECKING
-
-from distal.cli.console import continue_on_failure, say, table, working
-from distal.confidence import BAND, COVERED_TEXT
-from distal.errors import DistalError, DivergedError
-
-if TYPE_CHECKING:
-    from distal.logs import Log
-    from distal.results import Estimate
-    from distal.rig import Rig
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,9 +19,13 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.console import (
+    continue_on_failure,
     failure,
     progress_bar,
+    say,
+    table,
     warn,
+    working,
 )
 from distal.cli.shared_options import (
     RIG,
@@ -50,7 +43,15 @@ from distal.cli.shared_options import (
     to_file,
     to_folder,
 )
-from distal.errors import Content, DistalWarning, EstimationError, OutputError
+from distal.confidence import BAND, COVERED_TEXT
+from distal.errors import (
+    Content,
+    DistalError,
+    DistalWarning,
+    DivergedError,
+    EstimationError,
+    OutputError,
+)
 
 if TYPE_CHECKING:
     from distal.logs import Episode, Log, Output
@@ -62,10 +63,10 @@ if TYPE_CHECKING:
 class Comparison:
     """What estimators found: estimates, rows of the table of errors, and why others failed."""
 
-    results: list[Estimate] = field(default_factory=list)
-    rows: list[tuple[str, ...]] = field(default_factory=list)
-    notes: dict[str, None] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
+    results: list[Estimate]
+    rows: list[tuple[str, ...]]
+    notes: dict[str, None]
+    failed: dict[str, str]
 
 
 def compared(
@@ -87,7 +88,7 @@ def compared(
     from distal.run import estimate
     from distal.run import smooth as smoothed
 
-    found = Comparison()
+    found = Comparison([], [], {}, {})
     runs: dict[str, Callable[..., Estimate]] = {
         name: partial(estimate, log, rig, name, homing=home, covariances=False, every=every)
         for name in names
@@ -108,7 +109,8 @@ def compared(
             except DistalError as problem:
                 # some errors have the name
                 found.failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"
-                lost = lost or (problem if name == next(iter(runs)) else None)
+                if name == next(iter(runs)):
+                    lost = problem
                 continue
             found.notes |= dict.fromkeys(result.notes)
             if result.truths is not None:
@@ -135,18 +137,13 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     return DivergedError(f"{causes}: {problem}") if causes else problem
 
 
-def half_of_band(result: Estimate) -> float:
-    """Return the median half-width of an estimate's band [°]."""
-    import numpy as np
-
-    return degrees(BAND * float(np.median(result.angle_stds)))
-
-
 def half_in_words(result: Estimate, digits: int = 3) -> str:
     """Return the median half-width of an estimate's band [°] in words."""
+    import numpy as np
+
     from distal.results import UNKNOWN
 
-    half = half_of_band(result)
+    half = degrees(BAND * np.median(result.angle_stds))
     return f"±{half:.{digits}f}" if half <= UNKNOWN else "not known"
 
 
@@ -260,7 +257,7 @@ def estimate_command(
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
     estimators with it.
@@ -271,7 +268,6 @@ def estimate_command(
         read_log,
         sources_of,
         true_angles,
-        write_columns,
         write_together,
     )
     from distal.results import PANELS, check_panels, plot_kind
@@ -282,7 +278,7 @@ def estimate_command(
         others = (out, plot, panel, estimator, truth, smooth, homing, homing_angle, every)
         if len(logs) != 1 or any(others):
             raise EstimationError("--into is of one dataset, with --rig, --set and --unit alone")
-        with_dataset(logs[0], rig_of_logs((), rig, set_ or ())[0], into, unit)
+        with_dataset(logs[0], rig_of_logs((), rig, set_)[0], into, unit)
         return
     if out is None and (unit is not None or every):
         raise EstimationError(
@@ -298,7 +294,8 @@ def estimate_command(
             f"--smooth is of adaptive; leave out -e {', '.join(estimator or ())}, or --smooth"
         )
     sources = sources_of(logs)
-    if sources != logs[:1]:
+    several = sources != logs[:1]
+    if several:
         for_one = {
             "--homing-angle": homing_angle,
             "--plot": plot,
@@ -313,28 +310,20 @@ def estimate_command(
                 f"{', '.join(wrong)} is for one log, {len(sources)} came; give one log"
             )
         outputs = estimates_of(sources, out)
-        check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
-        description, _ = rig_of_logs(sources, rig, set_ or ())
+    else:
+        panels = check_panels(PANELS if "all" in (panel or ()) else [*dict.fromkeys(panel or ())])
+        if plot is not None:
+            plot_kind(plot)
+        elif panels:
+            raise EstimationError("--panel says what --plot draws; give --plot too")
+        outputs = [*to_file("--out", out, "a table"), *to_file("--plot", plot)]
+    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
+    description, changed = rig_of_logs(sources, rig, set_)
+    in_unit = unit or angle_unit(description.sensors)
+    if several:
         name = estimator[0] if estimator else usual_estimator(description)
-
-        def write(result: Estimate, path: Path) -> None:
-            in_unit = unit or angle_unit(description.sensors)
-            write_columns(result.columns(in_unit, every=every), path)
-
-        _estimate_many(sources, description, name, truth, home, out, write)
+        _estimate_many(sources, description, name, truth, home, out, in_unit, every)
         return
-    panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
-    if plot is not None:
-        plot_kind(plot)
-    elif panels:
-        raise EstimationError("--panel says what --plot draws; give --plot too")
-    check_command_outputs(
-        [*to_file("--out", out, "a table"), *to_file("--plot", plot)],
-        logs=logs,
-        rig=rig,
-        truth=truth,
-    )
-    description, changed = rig_of_logs(sources, rig, set_ or ())
     with working(f"reading {logs[0]}"):
         log = read_log(logs[0], description, truth)
     _describe(log, description)
@@ -349,7 +338,6 @@ def estimate_command(
     results = comparison.results
     files = dict[Path, Content]()
     if out is not None:
-        in_unit = unit or angle_unit(description.sensors)
         files[out] = file_of(results[0].columns(in_unit, every=every), out)
     if plot is not None:
         with working("drawing"):
@@ -482,8 +470,9 @@ def _say(
         with working(doing):
             diagnosis = diagnose(final, log, rig, home, what_if=what_if)
         say(diagnosis.text)
-        for finding in diagnosis.findings if findings else ():
-            say(f"  {finding.text}")
+        if findings:
+            for finding in diagnosis.findings:
+                say(f"  {finding.text}")
 
 
 def _describe(log: Log, rig: Rig) -> None:
@@ -508,11 +497,10 @@ def _describe(log: Log, rig: Rig) -> None:
         if sensor.name in log.channels:
             missing = int(np.isnan(log.channels[sensor.name]).sum())
             unit = sensor.unit or f"{log_unit(sensor)}, or as its header says"
-            column = (
+            say(
                 f"  {sensor.name}: {sensor.measures} of {sensor.of}, column "
-                f"'{sensor.log_column}' in {unit}"
+                f"'{sensor.log_column}' in {unit}" + (f", {missing} missing" if missing else "")
             )
-            say(column + (f", {missing} missing" if missing else ""))
     gaps = log.gaps()
     if gaps:
         begin, end = max(gaps, key=lambda gap: gap[1] - gap[0])
@@ -545,7 +533,8 @@ def _estimate_many(
     truth: str | None,
     homing: float | None,
     out: Path | None,
-    write: Callable[[Estimate, Path], None],
+    unit: str,
+    every: bool,
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
@@ -557,12 +546,14 @@ def _estimate_many(
         truth: the true angle: a column of the logs, or a file; or None.
         homing: time for which the truth is used [s], or None.
         out: the folder; with None nothing is written.
-        write: function that writes an estimate to a path.
+        unit: of the angles that are written, "rad" or "deg".
+        every: whether all states are written.
 
     Raises:
         EstimationError: the estimator is unknown.
     """
     from distal.diagnosis import diagnose_estimate
+    from distal.logs import write_columns
     from distal.results import make_folder
     from distal.run import estimate_batch
 
@@ -584,16 +575,12 @@ def _estimate_many(
             path = next(each for each in waiting if str(each) not in failed)
             if out is not None:
                 try:
-                    write(result, out / f"{path.stem}.csv")
+                    write_columns(result.columns(unit, every=every), out / f"{path.stem}.csv")
                 except OutputError as problem:
                     skip(str(path), problem)
                     continue
-            known = ("–", "–")
-            if result.truths is not None:
-                known = (
-                    f"{degrees(result.rms_error()):.3f}",
-                    f"{100 * result.inside_band():.0f} %",
-                )
+            # the RMS error and the share inside the band
+            known = ("–", "–") if result.truths is None else _row(result)[1:4:2]
             headline = diagnose_estimate(result).headline
             rows.append((path.name, f"{len(result)}", half_in_words(result, 2), *known, headline))
     if rows:
@@ -623,15 +610,12 @@ def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Outpu
     if out is None:
         return []
     check_folder(out, "of several logs")
-    names = [f"{path.stem}.csv" for path in logs]
-    for path, name in zip(logs, names):
-        if names.count(name) > 1:
+    stems = [path.stem for path in logs]
+    files: list[Output] = []
+    for path, stem in zip(logs, stems):
+        if stems.count(stem) > 1:
             raise OutputError(
-                f"{path}: another log has the name '{path.stem}' too; rename one, or estimate "
-                "them apart"
+                f"{path}: another log has the name '{stem}' too; rename one, or estimate them apart"
             )
-    return [
-        file
-        for path, name in zip(logs, names)
-        for file in to_folder(f"--out for {path}", out, [name])
-    ]
+        files += to_folder(f"--out for {path}", out, [f"{stem}.csv"])
+    return files

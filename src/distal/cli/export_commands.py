@@ -53,7 +53,7 @@ def export_command(
         ),
     ] = False,
     name: NameOption = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other
     processor.
@@ -63,7 +63,7 @@ def export_command(
     from distal.rig import load_rig
     from distal.units import to_si
 
-    described = load_rig(rig, set_ or ())
+    described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
@@ -98,7 +98,7 @@ def fmu_command(
     estimator: EstimatorOption = None,
     name: NameOption = None,
     here: Annotated[bool, Option("--here", help="A binary for this platform alone.")] = False,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Write an estimator of a rig as an FMU (FMI 3.0, co-simulation): for Simulink, OpenModelica,
     Dymola and others.
@@ -108,7 +108,7 @@ def fmu_command(
     from distal.rig import load_rig
 
     check_command_outputs(to_file("--out", out), rig=rig)
-    described = load_rig(rig, set_ or ())
+    described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     what = (
@@ -121,8 +121,6 @@ def fmu_command(
     rows = [
         ("inputs, NaN where missing", ", ".join(fmu.inputs)),
         ("outputs", ", ".join(fmu.outputs)),
-    ]
-    rows += [
         ("step", f"{fmu.exported.estimator.interval:g} s"),
         ("binaries", ", ".join(fmu.platforms) or "none"),
     ]
@@ -168,9 +166,7 @@ def doctor_command() -> None:
     say(f"packages: {', '.join(map(installed, _PACKAGES))}")
     extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in _EXTRAS.items())
     say(f"extras: {', '.join(extras)}")
-    compiler = find_compiler()
-    if isinstance(compiler, str):
-        say(f"C compiler: {compiler}")
-    else:
-        say(f"C compiler: {compiler.version} ({compiler.command[0]})")
+    found = find_compiler()
+    compiler = found if isinstance(found, str) else f"{found.version} ({found.command[0]})"
+    say(f"C compiler: {compiler}")
     say(f"kernel cache: {cache_folder()}")

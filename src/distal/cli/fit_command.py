@@ -87,7 +87,7 @@ def fit_command(
         Option("--open-loop", help="Fit for a simulator, in which no sensor corrects the angle."),
     ] = False,
     minutes: MinutesOption = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
     file for later logs.
@@ -101,10 +101,9 @@ def fit_command(
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)
-    changes = set_ or ()
-    description = load_rig(rig, changes)
+    description = load_rig(rig, set_)
     read = [read_log(path, description, truth) for path in logs]
-    text = edited_text(rig, changes)
+    text = edited_text(rig, set_)
     with stoppable(minutes), working("fitting") as show:
         result = fitted_to(
             read,
@@ -168,10 +167,10 @@ def say_scores(result: Fit) -> None:
     for name, rms, inside in scores:
         if rms > HOPELESS * scores[0][1]:
             continue
-        less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] if shown else []
+        less = [f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}"] * shown
         share = "–" if isnan(inside) else f"{100 * inside:.0f} %"
         rows.append([name, f"{degrees(rms):.3f}", *less, share])
-    less = ["less the encoder's noise [°]"] if shown else []
+    less = ["less the encoder's noise [°]"] * shown
     columns = ["what gives the angle", "RMS error [°]", *less, f"inside the {COVERED_TEXT} band"]
     after = "its homing move" if result.homing is not None else f"its first {SETTLING:g} s"
     table(f"on each log after {after}, by what the others tell", columns, rows)
@@ -186,7 +185,7 @@ def calibrate_command(
     ],
     rig: RigOption,
     out: Annotated[Path, Option(help="Where to write the calibrated rig file.")],
-    set_: SetOption = None,
+    set_: SetOption,
     accept: Annotated[
         bool, Option("--accept", help="Correct what is likely wrong in the rig.")
     ] = False,
@@ -198,15 +197,12 @@ def calibrate_command(
     from distal.rig import edited_text, load_rig
 
     check_command_outputs(to_file("--out", out, "a rig file"), logs=[log], rig=rig)
-    description = load_rig(rig, set_ or ())
     with working("calibrating"):
-        found = calibrate(log, description, accept=accept)
+        found = calibrate(log, load_rig(rig, set_), accept=accept)
     _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
-    for fault in found.faults:
-        warn(fault.sentence)
-    for note in found.notes:
-        warn(note)
-    found.save(out, log.name, edited_text(rig, set_ or ()))
+    for line in (*(fault.sentence for fault in found.faults), *found.notes):
+        warn(line)
+    found.save(out, log.name, edited_text(rig, set_))
     say(f"wrote {out}")
 
 

@@ -90,9 +90,7 @@ def say_found(found: RigFromLogs) -> None:
     """Print what logs say of a rig: columns, structure, what they cannot tell, what was guessed."""
     for column in found.columns:
         say(f"  {column.in_words}")
-    for line in found.structure:
-        say(line)
-    for line in (*found.untellable, *found.notes):
+    for line in (*found.structure, *found.untellable, *found.notes):
         say(line)
     if found.rig.taken:
         which = " and ".join(found.rig.taken)

@@ -38,24 +38,21 @@ def list_rigs_command() -> None:
     """List the shipped rigs."""
     from distal.rig import load_rig, shipped_rigs
 
-    rows = []
-    for name in shipped_rigs():
-        rig = load_rig(name)
-        drives = ", ".join(dict.fromkeys(drive.kind for drive in rig.drives))
-        rows.append(
-            (
-                name,
-                rig.name,
-                f"{len(rig.tendons)}",
-                drives,
-                ", ".join(sensor.name for sensor in rig.sensors),
-            )
+    rows = [
+        (
+            name,
+            rig.name,
+            f"{len(rig.tendons)}",
+            ", ".join(dict.fromkeys(drive.kind for drive in rig.drives)),
+            ", ".join(rig.sensor_names),
         )
+        for name, rig in ((name, load_rig(name)) for name in shipped_rigs())
+    ]
     table("rigs", ["rig", "title", "tendons", "drives", "sensors"], rows, text=5)
 
 
 @app.command("check")
-def check_command(rig: RigArgument, set_: SetOption = None) -> None:
+def check_command(rig: RigArgument, set_: SetOption) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
     from distal.rig import (
@@ -67,19 +64,24 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         step_of,
     )
 
-    description = load_rig(rig, set_ or ())
+    description = load_rig(rig, set_)
     mechanism = Mechanism(description)
     rate = max((sensor.rate for sensor in description.sensors), default=100.0)
     count = substeps(mechanism, 1.0 / rate)
     values = mechanism.parameters
     uncertain = [name for name, std in zip(values.names, values.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
-    lists = (description.joints, description.drives, description.tendons, description.sensors)
     if description.taken:
         say(f"  {scales_in_words(description)}")
     say(f"  {description.count_in_words()}")
-    for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
-        for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
+    for kind, parts in (
+        ("joints", description.joints),
+        ("drives", description.drives),
+        ("tendons", description.tendons),
+        ("sensors", description.sensors),
+    ):
+        for i, part in enumerate(parts):
+            at = f"{kind}.{i}"
             # initial angles and errors of sensors are no parameters of the equations of motion
             stds = {path: number.filter_std for path, number in parameters_below(part, at)}
             stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
@@ -128,7 +130,8 @@ def _degrees(angle: float) -> str:
 def draw_command(
     rig: RigArgument,
     out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
-    set_: SetOption = None,
+    *,
+    set_: SetOption,
 ) -> None:
     """Draw a rig: which drive pulls which tendon, which joints it turns and which way, with
     springs, stops, sensors and their numbers.
@@ -139,18 +142,18 @@ def draw_command(
 
     plot_kind(out)
     check_command_outputs(to_file("--out", out), rig=rig)
-    description = load_rig(rig, set_ or ())
+    description = load_rig(rig, set_)
     with working("drawing"):
         save_figure(draw_rig(description), out)
     say(f"wrote {out}")
 
 
 @app.command("show")
-def show_rig_command(name: RigArgument, set_: SetOption = None) -> None:
+def show_rig_command(name: RigArgument, set_: SetOption) -> None:
     """Print a rig's file, with the values of --set put in, to copy and change."""
     from distal.rig import edited_text
 
-    print(edited_text(name, set_ or ()), end="")
+    print(edited_text(name, set_), end="")
 
 
 OutOption = Annotated[Path, Option(help="Where to write the rig file (.toml).")]
@@ -162,15 +165,15 @@ def _write(imported: Imported, out: Path, source: str) -> None:
     from distal.logs import write_whole
 
     write_whole(out, imported.text)
-    say(f"{imported.rig}")
+    say(str(imported.rig))
     for note in imported.notes:
         say(f"  {note}")
-    if not imported.missing:  # the model holds the whole rig
-        say(f"wrote {out}")
-        return
-    say(f"not in the {source}, so written with a guess and a wide std:")
-    say(f"  {', '.join(imported.missing)}")
-    say(f"wrote {out}; look for 'not in the {source}' in it, then `distal rig check {out}`")
+    then = ""
+    if imported.missing:
+        say(f"not in the {source}, so written with a guess and a wide std:")
+        say(f"  {', '.join(imported.missing)}")
+        then = f"; look for 'not in the {source}' in it, then `distal rig check {out}`"
+    say(f"wrote {out}{then}")
 
 
 def check_new_rig(out: Path, *inputs: Path | None) -> None:
@@ -239,7 +242,8 @@ def to_mjcf_command(
         Path | None, Option(help="A model with the rig's joints, which gets its numbers.")
     ] = None,
     draws: Annotated[int, Option(min=0, help="Number of models, drawn by the rig's stds.")] = 0,
-    set_: SetOption = None,
+    *,
+    set_: SetOption,
 ) -> None:
     """Write a rig as a MuJoCo model."""
     from distal.logs import write_whole
@@ -250,7 +254,7 @@ def to_mjcf_command(
     mujoco_module()
     from distal.bridges.mujoco import to_mjcf
 
-    described = load_rig(rig, set_ or ()).bare()
+    described = load_rig(rig, set_).bare()
     paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
     drawn = draws_of(described) if draws else ()
     for n, path in enumerate(paths):

@@ -39,10 +39,8 @@ def _completing(package: str) -> Callable[[str], list[str]]:
     folder = Path(__file__).parents[1] / package / "library"
 
     def complete(incomplete: str) -> list[str]:
-        shipped = sorted(
-            path.stem for path in folder.glob("*.toml") if path.stem.startswith(incomplete)
-        )
-        return shipped + sorted(glob(f"{escape(incomplete)}*.toml"))
+        pattern = f"{escape(incomplete)}*.toml"
+        return sorted(path.stem for path in folder.glob(pattern)) + sorted(glob(pattern))
 
     return complete
 
@@ -62,9 +60,11 @@ RigArgument = Annotated[str, Argument(help=RIG, autocompletion=rigs)]
 SCENARIO = "A shipped scenario's name (see `distal scenarios`) or a TOML file."
 ScenarioArgument = Annotated[str, Argument(help=SCENARIO, autocompletion=scenarios)]
 SetOption = Annotated[
-    list[str] | None,
+    list[str],
     Option(
         "--set",
+        default_factory=list,
+        show_default=False,
         metavar="PATH=VALUE",
         help=(
             "Replace a value of the rig by names of its parts, e.g. "
@@ -229,9 +229,8 @@ def check_command_outputs(
     from distal import logs as files
     from distal.rig import description_path
 
-    inputs: list[tuple[str, str | Path]] = [
-        ("log", file) for log in logs for file in _files_of(log)
-    ]
+    inputs: list[tuple[str, str | Path]]
+    inputs = [("log", file) for log in logs for file in _files_of(log)]
     if rig is not None:
         inputs.append(("rig", description_path(rig, "distal.rig")))
     if scenario is not None:

@@ -29,7 +29,6 @@ from distal.cli.shared_options import (
 if TYPE_CHECKING:
     from distal.logs import Log
     from distal.rig import Rig
-    from distal.study import Folder, Plan, Space
 
 
 app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
@@ -59,7 +58,7 @@ def simulate_command(
     truth: Annotated[
         bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
     ] = True,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
     from distal.control import simulate
@@ -72,50 +71,48 @@ def simulate_command(
     description = load_scenario(scenario)
     if rig_ is not None:
         description = description.model_copy(update={"rig": rig_})
-    rig = scenario_rig(description, set_ or ())
+    rig = scenario_rig(description, set_)
     values = {
         **description.set,
-        **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
+        **dict(parse_assignment(text, ScenarioError) for text in set_),
     }
     names = {seed: out}
     if runs is None:
         outputs = to_file("--out", out, "a table")
+        folder = None
     else:
         check_folder(out, "with --runs")
+        folder = out
         digits = len(str(seed + runs - 1))
         names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
         outputs = to_folder("--out", out, [path.name for path in names.values()])
+    # no file can lie beside a pipe or a device
+    is_regular = not out.exists() or out.is_file() or out.is_dir()
     beside = rig_beside(out, runs is not None)
-    if _is_regular(out):
-        outputs.append(Output(beside, "--out", folder=out if runs is not None else None))
+    if is_regular:
+        outputs.append(Output(beside, "--out", folder))
     check_command_outputs(outputs, rig=description.rig, scenario=scenario)
-    if runs is not None:
-        make_folder(out)
+    if folder is not None:
+        make_folder(folder)
     with progress_bar("simulating", len(names)) as advance:
         for done, (number, path) in enumerate(names.items(), 1):
             log = simulate(rig, description, number)
             write_log(log if truth else replace(log, truth={}), rig, path)
             advance(done)
-    if _is_regular(out):
+    if is_regular:
         write_whole(beside, text_beside(description.rig, values))
     span = f"{description.duration:g} s"
     what = f"{len(log)} samples, {span}"
+    written = shlex.quote(str(out))
     if runs is not None:
         what = f"{runs} runs of {span}, seeds {seed} to {seed + runs - 1}"
+        written += "/*.csv"
     say(f"{rig.name}: {what}, {_ranges(log, rig)}")
-    say(f"wrote {out}" + (f" and its rig, {beside}" if _is_regular(out) else ""))
-    ignored = sorted(
-        {named(rig, path) for path in values} & {named(rig, path) for path in description.plant}
-    )
-    if ignored:
-        warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
-    written = shlex.quote(str(out)) + ("/*.csv" if runs is not None else "")
+    say(f"wrote {out}" + (f" and its rig, {beside}" if is_regular else ""))
+    asked, own = ({named(rig, path) for path in paths} for paths in (values, description.plant))
+    if asked & own:
+        warn(f"the scenario's [plant] has its own {', '.join(sorted(asked & own))}")
     say(f"estimate from it: distal estimate {written}")
-
-
-def _is_regular(out: Path) -> bool:
-    """Return whether a path is no pipe or device, so that a file can lie beside it."""
-    return not out.exists() or out.is_file() or out.is_dir()
 
 
 def list_scenarios_command() -> None:
@@ -184,7 +181,9 @@ def study_command(
     """Ask of many designs, each built many times, whether a requirement is met, and write the
     answer as a page.
     """
+    from distal.reports import study_report
     from distal.study import load_study, open_folder, run_study, space_of
+    from distal.study.answer import answer_of
 
     plan = load_study(study)
     space = space_of(plan)
@@ -196,18 +195,10 @@ def study_command(
         except KeyboardInterrupt:
             say(f"what is done is kept in {folder.path}; the same command goes on")
             raise
-        _answer(plan, space, folder)
-
-
-def _answer(plan: Plan, space: Space, folder: Folder) -> None:
-    from distal.reports import study_report
-    from distal.study.answer import answer_of
-
-    columns = folder.gather()
-    answer = answer_of(plan, space, columns)
-    page = study_report(plan, space, answer, folder.path)
-    say(answer.sentence)
-    say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
+        answer = answer_of(plan, space, folder.gather())
+        page = study_report(plan, space, answer, folder.path)
+        say(answer.sentence)
+        say(f"wrote {page}, {folder.path / 'answer.json'} and {folder.path / 'rows.parquet'}")
 
 
 def list_studies_command() -> None:

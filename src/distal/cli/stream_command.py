@@ -41,7 +41,7 @@ def stream_command(
         bool, Option("--json", help="Write JSON lines; default: as the input is.")
     ] = False,
     unit: UnitOption = None,
-    set_: SetOption = None,
+    set_: SetOption,
 ) -> None:
     """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its
     health.
@@ -57,7 +57,7 @@ def stream_command(
 
     if sys.stdin is None or sys.stdout is None:
         raise OutputError("standard input or output is closed")
-    described = load_rig(rig, set_ or ())
+    described = load_rig(rig, set_)
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
     monitor = Monitor(live)
@@ -150,16 +150,13 @@ class Session:
             *zip(reading.torques, reading.torque_stds),
             (contact.probability for contact in reading.contacts),
         )
-        known = {name: float(v) for name, v in zip(self._units, values) if isfinite(v)}
-        of_health = {"health": reading.health, "detail": printable(reading.detail)}
-        nothing = dict.fromkeys(self._units)
-        in_degrees = {
-            name: degrees(value) for name, value in known.items() if self._units[name] == "deg"
-        }
-        message = {**nothing, **known, **in_degrees, **of_health}
+        message: dict[str, object] = dict.fromkeys(self._units)
+        for (name, unit), value in zip(self._units.items(), values):
+            if isfinite(value):
+                message[name] = degrees(value) if unit == "deg" else float(value)
+        message |= {"health": reading.health, "detail": printable(reading.detail)}
         if self._json or not self.csv:
-            sys.stdout.write(json.dumps(message) + "\n")
-            sys.stdout.flush()
+            print(json.dumps(message), flush=True)
         else:
             self._write_row(message.values())
 

@@ -33,10 +33,10 @@ from distal.results import (
     legend_above,
     save_figure,
 )
-from distal.rig import Rig, as_rig
+from distal.rig import Rig, as_rig, effort_unit
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
-from distal.simulation import Control, Scenario, load_scenario, simulate_plant
+from distal.simulation import Control, Scenario, simulate_plant
 from distal.simulation.plant import (
     PlantMotion,
     at_rest,
@@ -44,6 +44,7 @@ from distal.simulation.plant import (
     plant_kernel,
     rows_of,
 )
+from distal.simulation.scenario import as_scenario
 from distal.simulation.simulate import Sampler, log_of, prepare, stamps_of
 from distal.units import to_si
 
@@ -101,26 +102,22 @@ class ControlledPlant:
         if not period > 0.0:
             raise ControlError(f"period: a time above 0 s, {period:g} s came")
         prepared = prepare(rig, scenario, period=period)
-        if period > prepared.scenario.duration:
-            raise ControlError(
-                f"period: {period:g} s is longer than the scenario, "
-                f"{prepared.scenario.duration:g} s"
-            )
+        duration = prepared.scenario.duration
+        if period > duration:
+            raise ControlError(f"period: {period:g} s is longer than the scenario, {duration:g} s")
         self.prepared = prepared
         self.rig = prepared.rig
         self.period = period
-        self.plant = prepared.plant
-        self._drives = prepared.plant.rig.drives
-        self._kernel = plant_kernel(prepared.plant, prepared.count)
-        self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
+        self.plant = plant = prepared.plant
+        self._drives = plant.rig.drives
+        self._kernel = plant_kernel(plant, prepared.count)
+        self.begin = at_rest(plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
         self._all_rows = rows_of(prepared.inputs, prepared.dt)
-        self._stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
-        latest = max((sensor.delay for sensor in prepared.plant.rig.sensors), default=0.0)
+        self._stamps = stamps_of(plant.rig, 0.0, duration)
+        latest = max((sensor.delay for sensor in plant.rig.sensors), default=0.0)
         self._looks_back = ceil(latest / prepared.dt) + self._per_period + 1
-        self._shares, self._lowest, self._highest = drive_parameters(
-            prepared.plant.rig, prepared.dt
-        )
+        self._shares, self._lowest, self._highest = drive_parameters(plant.rig, prepared.dt)
         self.reset()
 
     @property
@@ -193,7 +190,7 @@ class ControlledPlant:
         return log_of(motion, grid, self._stamps[: self._taken], read, self.prepared.scenario)
 
     def _checked(self, commands: Mapping[str, float]) -> Floats:
-        names = [drive.name for drive in self._drives]
+        names = self.plant.rig.drive_names
         desired = np.zeros(len(names))
         for name, command in commands.items():
             if name not in names:
@@ -201,9 +198,8 @@ class ControlledPlant:
                     f"the controller commands '{name}', the rig has no such "
                     f"drive{did_you_mean(name, names)}"
                 )
-            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(
-                command
-            ):
+            is_number = isinstance(command, (int, float, np.floating, np.integer))
+            if not (is_number and isfinite(command)):
                 raise ControlError(
                     f"the controller's command for '{name}' at {self.time:g} s is no number: "
                     f"{command!r}"
@@ -322,7 +318,7 @@ def simulate(
         RigError: the plant's values are wrong.
         ControlError: the controller failed, or asked for what is not possible.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = as_scenario(scenario)
     if controller is None and scenario.control is None:
         return simulate_plant(rig, scenario, seed)
     return closed_loop(
@@ -349,30 +345,28 @@ def closed_loop(
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
         ControlError: the controller failed, or asked for what is not possible.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = as_scenario(scenario)
     rig = as_rig(rig)
     control = scenario.control
     length = _period(period, scenario)
     feedback = feedback or (usual_estimator(rig) if control is None else control.feedback)
+    step = ENCODER_STEP if control is None else control.encoder_resolution
     if controller is not None:
-        step = ENCODER_STEP if control is None else control.encoder_resolution
-        return run_controller(
-            ControlledPlant(rig, scenario, length), controller, feedback, seed, encoder_step=step
-        )
+        plant = ControlledPlant(rig, scenario, length)
+        return run_controller(plant, controller, feedback, seed, encoder_step=step)
     if control is None:
         raise ControlError("no controller: give one, or a [control] table in the scenario")
-    check_names(control.joints, rig.joint_names, "control.joints", "joint", ControlError)
+    joints = control.joints
+    check_names(joints, rig.joint_names, "control.joints", "joint", ControlError)
     plant = ControlledPlant(rig, scenario, length)
     if feedback == COMMAND:
-        commanded = CommandedForces(rig, control.joints, control.co_contraction)
+        commanded = CommandedForces(rig, joints, control.co_contraction)
         run = _run(plant, commanded, commanded.tell, feedback, seed)
     else:
-        pid = PID(rig, control.joints, length, control.co_contraction)
-        run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
-    return replace(
-        run,
-        references={name: joint.reference.at(run.time) for name, joint in control.joints.items()},
-    )
+        pid = PID(rig, joints, length, control.co_contraction)
+        run = run_controller(plant, pid, feedback, seed, encoder_step=step)
+    references = {name: joint.reference.at(run.time) for name, joint in joints.items()}
+    return replace(run, references=references)
 
 
 def run_controller(
@@ -423,9 +417,9 @@ def _run(
     estimates = [reading.angles for reading in readings]
     stds = [reading.angle_stds for reading in readings]
     arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
-    drives = plant.rig.drive_names
     commands = {
-        name: np.array([float(request.get(name, 0.0)) for request in requests]) for name in drives
+        name: np.array([float(request.get(name, 0.0)) for request in requests])
+        for name in plant.rig.drive_names
     }
     return ClosedLoop(plant.rig, plant.log(), feedback, *arrays, commands, {})
 
@@ -459,14 +453,11 @@ def _encoder(plant: SteppedPlant, step: float) -> Teller:
     [rad].
     """
 
+    std = step * quantisation_variance(1.0) ** 0.5
+
     def tell(stamp: float, values: Floats) -> Reading:
-        angles = quantised_values(plant.angles, step)
-        return Reading(
-            stamp,
-            tuple(angles.tolist()),
-            (step * quantisation_variance(1.0) ** 0.5,) * len(angles),
-            "ok",
-        )
+        angles = quantised_values(plant.angles, step).tolist()
+        return Reading(stamp, tuple(angles), (std,) * len(angles), "ok")
 
     return tell
 
@@ -502,22 +493,21 @@ class Tracking:
 
 def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
-    names = run.rig.joint_names
-    effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
+    effort = _rms(np.array([*run.commands.values()]))
     trackings = []
     for name, reference in run.references.items():
-        j = names.index(name)
+        j = run.rig.joint_names.index(name)
         angle = run.angles[:, j]
-        errors = run.estimates[:, j] - run.angles[:, j]
-        errors = errors[np.isfinite(errors)]
-        tracking = Tracking(
-            name,
-            rms=float(np.sqrt(np.mean((angle - reference) ** 2))),
-            effort=effort,
-            estimate_rms=float(np.sqrt(np.mean(errors**2))) if len(errors) else nan,
+        trackings.append(
+            Tracking(name, _rms(angle - reference), effort, _rms(run.estimates[:, j] - angle))
         )
-        trackings.append(tracking)
     return tuple(trackings)
+
+
+def _rms(errors: Floats) -> float:
+    """Return the root mean square of the known numbers; NaN where none is known."""
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else nan
 
 
 MOST_LIMIT = 3.0
@@ -539,38 +529,40 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
     reference = np.rad2deg(first.references[name])
     time = first.time
     with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
-        axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
+        angles, deviations, commands = axes
+        angles.plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
         worst = []
         for k, run in enumerate(runs):
             angle = np.rad2deg(run.angles[:, j])
+            away = angle - reference
             look = {"lw": 1.2, **curve_style(k)}
-            axes[0].plot(time, angle, label=f"fed back by {run.feedback}", **look)
-            axes[1].plot(time, angle - reference, **look)
-            worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
-            effort = next(iter(run.commands))
+            angles.plot(time, angle, label=f"fed back by {run.feedback}", **look)
+            deviations.plot(time, away, **look)
+            worst.append(float(np.quantile(np.abs(away), 0.98)))
+            effort = next(iter(run.commands.values()))
             # a feedback that chatters stands behind the others
-            axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
-        estimated = next((run for run in runs if run.feedback not in ("encoder", "ratio")), None)
+            commands.plot(time, effort, zorder=3 - 0.1 * k, **look)
+        estimated = next((run for run in runs if run.feedback not in (ENCODER, RATIO)), None)
         if estimated is not None:
             error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
             half = BAND * np.rad2deg(estimated.stds[:, j])
-            axes[1].plot(
+            deviations.plot(
                 time,
                 error,
                 color=SOFT,
                 lw=0.8,
                 label=f"error of {estimated.feedback} and its {COVERED_TEXT} band",
             )
-            axes[1].fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
-            legend_above(axes[1])
+            deviations.fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
+            legend_above(deviations)
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0
-        axes[0].set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
-        axes[1].set_ylim(-limit, limit)
-        axes[0].set_ylabel(f"angle of {name} [°]")
-        axes[1].set_ylabel("from reference [°]")
+        angles.set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
+        deviations.set_ylim(-limit, limit)
+        angles.set_ylabel(f"angle of {name} [°]")
+        deviations.set_ylabel("from reference [°]")
         drive = first.rig.drives[0]
-        axes[2].set_ylabel(f"command {drive.name} [{'N' if drive.kind == 'slider' else 'N m'}]")
-        axes[2].set_xlabel("time [s]")
-        legend_above(axes[0])
+        commands.set_ylabel(f"command {drive.name} [{effort_unit(drive)}]")
+        commands.set_xlabel("time [s]")
+        legend_above(angles)
     return save_figure(drawing, path)

@@ -20,7 +20,7 @@ from distal.export.filter_source import (
     shared_blanks,
 )
 from distal.inverse.feedforward import ROUNDS
-from distal.inverse.goal_gate import MotorReadings, crossed_joints
+from distal.inverse.goal_gate import MotorReadings, columns_of, crossed_joints
 from distal.inverse.live_inverse import LiveModel, live_parameters
 from distal.rig import Rig
 from distal.run.health import LIMITS
@@ -54,7 +54,6 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     model = layout.model
     emitter = Emitter(real)
     advance = emitter.add(layout.function(), in_place=True)
-    at = {sensor.of: estimator.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
     together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
@@ -82,7 +81,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "touched": largest(f"x[{layout.x['touched'].start}]", "filter", estimator.touched),
         "known": " && ".join(trusted),
         "free": model.free,
-        "positions": [at.get(drive, -1) for drive in rig.drive_names],
+        "positions": columns_of(rig, estimator.channels, "position").tolist(),
         "oldest": MotorReadings(rig).oldest,
         "moves": moves.tolist(),
         "together": together.tolist(),

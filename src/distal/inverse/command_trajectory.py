@@ -23,6 +23,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
+from math import radians
 from pathlib import Path
 
 import casadi as ca
@@ -34,7 +36,6 @@ from distal.errors import CommandError
 from distal.estimators import LARGEST_ANGLE, AdaptiveFilter, first_values
 from distal.expressions import Matrix, Vector
 from distal.inverse.feedforward import (
-    KERNEL,
     LEAST_TENSION,
     ROUNDS,
     STEPS,
@@ -174,7 +175,7 @@ def expected_readings(
     of = {
         "position": dict(zip(rig.drive_names, positions.T)),
         "force": dict(zip(rig.drive_names, forces.T)),
-        "tension": dict(zip([tendon.name for tendon in rig.tendons], tensions.T)),
+        "tension": dict(zip(rig.tendon_names, tensions.T)),
     }
     found = {}
     for sensor in rig.sensors:
@@ -195,7 +196,7 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
         time: stamps [s], (k,).
         desired: angles of the free joints [rad], (k, n_free).
     """
-    joints = [model.rig.joints[j] for j in model.free]
+    joints = model.joints
     stops = np.array([joint.stops or (-np.inf, np.inf) for joint in joints])
     held = np.clip(desired, *stops.T)
     notes = []
@@ -220,7 +221,7 @@ def not_reached(
         reached: angles that the free joints reach with what is sent [rad], (k, n_free).
         cut: where drives cannot do what the desired angles ask for, (k, n_drives).
     """
-    joints = [model.rig.joints[j].name for j in model.free]
+    joints = [joint.name for joint in model.joints]
     away = np.abs(reached - desired)
     far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > TURNS]
     if not far:
@@ -230,9 +231,9 @@ def not_reached(
         for k in far[:NAMED_JOINTS]
     ]
     more = f" and {len(far) - NAMED_JOINTS} more" if len(far) > NAMED_JOINTS else ""
-    names = [model.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
+    names = ", ".join(compress(model.rig.drive_names, np.any(cut, axis=0)))
     why = (
-        f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
+        f"{names} cannot do what is wanted, which leaves joints off by up to"
         if names
         else "fewer drives than joints, these follow their springs, off by up to"
     )
@@ -258,15 +259,14 @@ def beyond(
     notes = []
     for i, drive in enumerate(model.rig.drives):
         unit = effort_unit(drive)
-        needed = read["forces"][:, i] + drive.lever * read["short"][:, i]
-        largest = float(np.abs(needed).max())
+        largest = np.abs(read["forces"][:, i] + drive.lever * read["short"][:, i]).max()
         if _is_passed(largest, drive.limit):
             notes.append(
                 f"{drive.name} would need {largest:.3g} {unit}, its limit is "
                 f"{drive.limit:.3g} {unit}"
             )
         reaches = None if drive.servo is None else drive.servo.fastest
-        fastest = float(np.abs(np.gradient(read["positions"][:, i], time)).max())
+        fastest = np.abs(np.gradient(read["positions"][:, i], time)).max()
         if _is_passed(fastest, reaches):
             notes.append(
                 f"{drive.name} would need a speed of {fastest:.3g}, it reaches {reaches:.3g}: it "
@@ -296,7 +296,7 @@ def _first(time: Floats, at: Bools) -> str:
     return f"first at {time[at][0]:.4g} s"
 
 
-LARGEST_TURN = float(np.deg2rad(2.0))
+LARGEST_TURN = radians(2.0)
 """Largest turn of a joint in one of Newton's steps; within it, a joint that was left behind counts
 as back at its desired angle [rad]. Source: judgement.
 """
@@ -348,9 +348,7 @@ class RestModel(CommandModel):
         turned = came["turned"] * (1 - came["cut"])
         spread = self._spread(angles, came["positions"], turned, came["variances"], parameters)
         following = ca.vertcat(angles, behind)
-        return ca.Function(
-            "rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)], *KERNEL
-        )
+        return ca.Function("rest", [kernel_state, x, p], [following, ca.vertcat(angles, spread)])
 
     @traced
     def _step(self, free: Vector, positions: Vector, p: Vector) -> list[Vector]:
@@ -371,8 +369,9 @@ class RestModel(CommandModel):
     ) -> list[Vector]:
         """Function (θ_free, s, d, σ_s², p) → variances of θ_free [rad²].
 
-        They follow from the stds of the rig's parameters, from the variances σ_s² of the drives'
-        positions, and from friction that has not turned over, by its directions d.
+        They follow from the variances σ_s² of the drives' positions, from friction that has not
+        turned over, by its directions d, and from the stds of the rig's parameters: of each one's
+        own error, and of each error that several share.
         """
         lacks, friction = self.lacking(free, positions, turned)
         slopes = self._slopes(lacks, free)
@@ -380,26 +379,17 @@ class RestModel(CommandModel):
         # all torques within friction that has not turned over are equally likely: the variance is a
         # third of its square
         left = ca.sqrt(friction**2 * ca.fmax(1 - turned**2, 0) / 3)
-        errors = ca.horzcat(self._by_parameters(lacks), by_positions, ca.diag(left))
-        columns = ca.horzsplit(ca.densify(errors))
-        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
-
-    def _by_parameters(self, lacks: Vector) -> Matrix:
-        """Return how residual torques change with the parameters, (n_free, k): a column for one std
-        of each parameter's own error, and one for that of each error that several share.
-        """
+        errors = [by_positions, ca.diag(left)]
         parameters = self.mechanism.parameters
-        p = parameters.symbols
-        slopes = ca.jacobian(lacks, p)
-        columns = [
-            slopes[:, i] * self.number(p, [f"{parameters.names[i]}.std"])
-            for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist()
-        ]
-        columns += [
-            ca.mtimes(slopes[:, members], p[members]) * self.number(p, [f"shared.{name}.std"])
-            for name, (_, members) in parameters.shared.items()
-        ]
-        return ca.horzcat(ca.SX(self.nf, 0), *columns)
+        by_parameters = ca.jacobian(lacks, p)
+        for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist():
+            std = self.number(p, [f"{parameters.names[i]}.std"])
+            errors.append(by_parameters[:, i] * std)
+        for name, (_, members) in parameters.shared.items():
+            std = self.number(p, [f"shared.{name}.std"])
+            errors.append(ca.mtimes(by_parameters[:, members], p[members]) * std)
+        columns = ca.horzsplit(ca.densify(ca.horzcat(*errors)))
+        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
 
 
 def position_variances(rig: Rig) -> Floats:
@@ -431,8 +421,7 @@ def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floa
     most = drive.servo.fastest * np.diff(time)
     forth = _rate_limited(positions, most)
     back = _rate_limited(positions[::-1], most[::-1])[::-1]
-    middle: Floats = (forth + back) / 2
-    return middle
+    return (forth + back) / 2
 
 
 def _rate_limited(positions: Floats, most: Floats) -> Floats:
@@ -501,7 +490,7 @@ class Inverse:
         self.rig = as_rig(rig)
         self.least_tension = least_tension_of(least_tension, self.rig)
         self.model = model = RestModel(self.rig)
-        self.joints = tuple(self.rig.joints[j].name for j in model.free)
+        self.joints = tuple(joint.name for joint in model.joints)
         """Names of the free joints, whose angles are desired; the other joints follow these."""
         self._compiled = compiled
         self._parameters = model.mechanism.parameters.values[: model.n_parameters]
@@ -531,19 +520,20 @@ class Inverse:
         if self._filter is not None:
             added, unsure = self._added_by_maps(self._filter, stamps, run)
             run = self._run(stamps, held - added[:, model.free])
-        read = {name: model.y.view(run.ys, name) for name in model.y.names}
+        was = model.kernel_state.views(run.kernel_states)
+        read = model.y.views(run.ys)
         positions = read["positions"]
         got = np.column_stack([followable(stamps, *each) for each in zip(positions.T, drives)])
-        asked = model.kernel_state.view(run.kernel_states, "positions")
+        asked = was["positions"]
         cut = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
-        rests, variances = self._rested(run, read["angles"], got, cut)
+        rests, variances = self._rested(was, read["angles"], got, cut)
         reached = rests + added[:, model.free]
         ahead = np.column_stack([sent(stamps, *each) for each in zip(positions.T, drives)])
         soft, dead = (
             model.of_drives(ca.DM(self._parameters), key).full().ravel() for key in ("soft", "dead")
         )
         ahead += soft * read["forces"]
-        ahead += dead * model.kernel_state.view(run.kernel_states, "drives_turned")
+        ahead += dead * was["drives_turned"]
         notes += [
             *not_reached(model, stamps, held, reached, cut),
             *beyond(model, stamps, read, asked, self.least_tension),
@@ -565,36 +555,33 @@ class Inverse:
         )
 
     def _rested(
-        self, run: Advanced, angles: Floats, positions: Floats, cut: Bools
+        self, was: Mapping[str, Floats], angles: Floats, positions: Floats, cut: Bools
     ) -> tuple[Floats, Floats]:
         """Return the angles of the free joints at which they rest [rad] and their variances
         [rad²], (k, n_free) each. These are the desired `angles`, unless a drive is `cut`.
         """
-        view = self.model.kernel_state.view
-        parts = {
-            "angles": angles,
-            "positions": positions,
-            "variances": np.tile(position_variances(self.rig), (len(angles), 1)),
-            "turned": view(run.kernel_states, "turned"),
-            "inside": view(run.kernel_states, "inside"),
-            "cut": cut.any(axis=1, keepdims=True).astype(np.float64),
-        }
-        rows = np.column_stack([parts[name] for name in self.model.rest_x.names])
+        rows = self.model.rest_x.rows(
+            angles=angles,
+            positions=positions,
+            variances=np.tile(position_variances(self.rig), (len(angles), 1)),
+            turned=was["turned"],
+            inside=was["inside"],
+            cut=np.any(cut, axis=1, keepdims=True),
+        )
         begin = np.array([*angles[0], 0.0])
         ys = advance(self._rest, Feed(begin, rows, self._parameters)).ys
         return ys[:, : self.model.nf], ys[:, self.model.nf :]
 
     def _run(self, time: Floats, angles: Floats) -> Advanced:
         speeds = np.gradient(angles, time, axis=0)
-        parts = {
-            "dt": np.diff(time, prepend=time[0]),
-            "angles": angles,
-            "speeds": speeds,
-            "accelerations": np.gradient(speeds, time, axis=0),
-            "torques": np.zeros((len(time), len(self.rig.joints))),
-            "lowest": np.full(len(time), self.least_tension),
-        }
-        rows = np.column_stack([parts[name] for name in self.model.x.names])
+        rows = self.model.x.rows(
+            dt=np.diff(time, prepend=time[0]),
+            angles=angles,
+            speeds=speeds,
+            accelerations=np.gradient(speeds, time, axis=0),
+            torques=np.zeros((len(time), len(self.rig.joints))),
+            lowest=np.full(len(time), self.least_tension),
+        )
         return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._parameters))
 
     def _begin(self, row: Floats) -> Floats:
@@ -606,15 +593,14 @@ class Inverse:
         kernel_state = np.zeros(layout.size)
         for _ in range(ROUNDS):
             first = advance(self._kernel, Feed(kernel_state, row, self._parameters))
-            positions = model.y.view(first.ys[-1], "positions")
-            kernel_state[layout["positions"]] = positions
+            y = model.y.views(first.ys[-1])
+            kernel_state[layout["positions"]] = y["positions"]
             kernel_state[layout["pulls"]] = layout.view(first.kernel_states[-1], "pulls")
             if model.n_inside:
-                joints = np.array(model.spread(model.y.view(first.ys[-1], "angles"))).ravel()
                 of_rig = self._parameters[: model.n_parameters - len(model.derived)]
-                q = np.append(joints, positions)
+                q = ca.vertcat(model.spread(y["angles"]), y["positions"])
                 inside = inside_function(model.mechanism)(q, of_rig)
-                kernel_state[layout["inside"]] = np.array(inside).ravel()
+                kernel_state[layout["inside"]] = inside.full().ravel()
         return kernel_state
 
     @cached_property
@@ -631,8 +617,8 @@ class Inverse:
         Far from the logs a map says nothing: both are zero there, and the rig is taken as it is
         described.
         """
-        y = {name: self.model.y.view(run.ys, name) for name in ("forces", "tensions")}
-        at = readings(self.rig, self.model.y.view(run.ys, "positions"))
+        y = self.model.y.views(run.ys)
+        at = readings(self.rig, y["positions"])
         expected = expected_readings(self.rig, at, y["forces"], y["tensions"])
         nothing = np.full(len(time), np.nan)
         samples = np.column_stack([expected.get(name, nothing) for name in estimator.channels])

@@ -19,10 +19,10 @@ creep) is kept from sample to sample and follows the commands.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from math import inf, isfinite, radians
+from math import inf, radians
 from typing import NamedTuple
 
 import casadi as ca
@@ -34,6 +34,7 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.inverse.torque_balance import Balance, traced
 from distal.kernels import Layout
 from distal.rig import Rig, check_scales
+from distal.simulation.plant import settled_function
 from distal.units import rounded, to_si
 
 LEAVES = 2.0
@@ -70,18 +71,16 @@ class Feedback:
 
     def __post_init__(self) -> None:
         for name, number in vars(self).items():
-            if name.endswith("limit"):
-                if not number > 0.0:
-                    raise CommandError(f"feedback.{name}: a number above 0, {number} came")
-            elif not (isfinite(number) and number >= 0.0):
-                raise CommandError(f"feedback.{name}: 0 or a finite number above, {number} came")
+            is_limit = name.endswith("limit")
+            if not (number > 0.0 if is_limit else 0.0 <= number < inf):
+                allowed = "a number above 0" if is_limit else "0 or a finite number above"
+                raise CommandError(f"feedback.{name}: {allowed}, {number} came")
 
     @staticmethod
     def gains(joints: Sequence[Feedback]) -> dict[str, Floats]:
         """Return name of a gain → its value for each of some joints, (n,)."""
         return {
-            one.name: np.array([vars(joint)[one.name] for joint in joints])
-            for one in fields(Feedback)
+            name: np.array([vars(joint)[name] for joint in joints]) for name in vars(Feedback())
         }
 
 
@@ -244,7 +243,7 @@ def solved(matrix: Matrix, right: Vector) -> Vector:
     return ca.if_else(usable, found, 0)
 
 
-TURNS = float(np.deg2rad(0.1))
+TURNS = radians(0.1)
 """Turn of a joint over which the direction of its friction changes by 1, which is as near as it
 comes to its desired angle [rad]. Source: judgement.
 """
@@ -280,9 +279,6 @@ REACHES = 6
 joints. Source: rounding (further steps change the angles by less than 1e-14 rad).
 """
 
-KERNEL = (["kernel_state", "x", "p"], ["next", "y"])
-"""Names of a kernel's arguments and results."""
-
 
 class CommandModel(Balance):
     """The inverse of a rig as a kernel: its function, and the layouts of its kernel state, of a
@@ -291,6 +287,8 @@ class CommandModel(Balance):
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
         super().__init__(rig, folded)
+        self.n_parameters = len(self.mechanism.parameters) - self.n_inside
+        """Number of the parameters without the internal state, which is the last of them."""
         self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
         self.kernel_state = Layout(
             positions=self.nd,
@@ -313,11 +311,6 @@ class CommandModel(Balance):
             short=self.nd,
         )
 
-    @property
-    def n_parameters(self) -> int:
-        """Number of the parameters without the internal state, which is the last of them."""
-        return len(self.mechanism.parameters) - self.n_inside
-
     def function(self) -> ca.Function:
         """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the next command, with the
         parameters p without the internal state.
@@ -338,7 +331,7 @@ class CommandModel(Balance):
         f = was["pulls"]
         most = self.of_drives(p, "most_pull")
         for _ in range(ROUNDS):
-            if any(len(part.drives) < len(part.joints) for part in self.parts):
+            if any(len(drives) < len(joints) for joints, drives in self.parts):
                 held, f = self._reached(desired["angles"], held, f, s, turned, external, lowest, p)
             torques, _ = self.needed(
                 held, desired["speeds"], desired["accelerations"], s, turned, external, p
@@ -359,13 +352,16 @@ class CommandModel(Balance):
         # a drive goes no further than its range; its force is still that of the desired position
         within = ca.fmin(ca.fmax(s, self.of_drives(p, "low")), self.of_drives(p, "high"))
         forces, tensions = self.driven(joints, s, within, rates, drives_turned, p)
+        inside = ca.MX(0, 1)
+        if self.n_inside:
+            inside = settled_function(self.mechanism)(ca.vertcat(joints, s), dt, p)
         after = self.kernel_state.joined(
             positions=s,
             pulls=f,
             turned=turned,
             drives_turned=drives_turned,
             rubbed=rubbed,
-            inside=self.moved(joints, s, dt, p) if self.n_inside else ca.MX(0, 1),
+            inside=inside,
             begun=ca.MX(1),
         )
         y = self.y.joined(
@@ -376,7 +372,7 @@ class CommandModel(Balance):
             tensions=tensions,
             short=asked - f,
         )
-        return ca.Function("command", [kernel_state, x, own], [after, y], *KERNEL)
+        return ca.Function("command", [kernel_state, x, own], [after, y])
 
     @traced
     def _pulls(self, arms: Matrix, torques: Vector, least: Vector, before: Vector) -> list[Vector]:

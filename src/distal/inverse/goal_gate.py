@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from itertools import compress
 from math import inf
 
 import numpy as np
@@ -105,14 +106,10 @@ class MotorReadings:
     """
 
     def __init__(self, rig: Rig, calibrated: bool = True) -> None:
-        drives = rig.drives
-        names = [drive.name for drive in drives]
+        names = rig.drive_names
         self.calibrated = calibrated
         self.fastest = np.array(
-            [
-                drive.servo.fastest or Limits.fastest if drive.servo else Limits.fastest
-                for drive in drives
-            ]
+            [getattr(drive.servo, "fastest", None) or Limits.fastest for drive in rig.drives]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
         self.oldest = np.maximum(
@@ -124,11 +121,8 @@ class MotorReadings:
         self._remembered = max(1, round(float(samples.max())))
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
-        self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
-        ways = [
-            max(tendon.total_arm for tendon in rig.tendons if tendon.drive == name)
-            for name in names
-        ]
+        self.is_motor = np.array([drive.kind == "capstan" for drive in rig.drives])
+        ways = [max(tendon.total_arm for tendon in rig.tendons_of(name)) for name in names]
         self.scale = np.where(self.is_motor, 1.0, ways)
         self.agrees = USUAL.agrees * self.scale
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
@@ -158,8 +152,7 @@ class MotorReadings:
         self.stale = self._is_stale(positions, torques, sent)
         self._before = np.concatenate([self._before[1:], [[positions, torques]]])
         known = np.isfinite(positions) & ~self.stale
-        first = known & ~np.isfinite(self._raw)
-        self.doubted = self._in_doubt(time, positions, known & ~first, sent)
+        self.doubted = self._in_doubt(time, positions, known & np.isfinite(self._raw), sent)
         sound = known & ~self.doubted
         gap = time - self.at
         recent = sound & (gap > 0.0) & (gap <= self.oldest)
@@ -208,7 +201,7 @@ class MotorReadings:
         silent = self.fastest * np.minimum(time - self.at, self.oldest)
         is_back = leaps & (np.abs(positions - self.position) <= silent + USUAL.jump)
         arrived = known & (np.abs(positions - sent) <= USUAL.arrived)
-        doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
+        doubted: Bools = np.where(self.doubted, ~is_back, leaps) & ~arrived
         return doubted
 
     def _acts(self, slow: Bools, near: Bools, torques: Floats) -> Bools:
@@ -267,8 +260,9 @@ class GoalGate:
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
         self._relaxes = rig.when_lost == "relax"
-        holds = [getattr(servo, "continuous_torque", None) for servo in servos]
-        self._continuous = np.array([inf if most is None else most for most in holds])
+        self._continuous = np.array(
+            [getattr(servo, "continuous_torque", None) or inf for servo in servos]
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -278,14 +272,12 @@ class GoalGate:
         self.release()
         self._stopped_at = np.full(n, -inf)
         self._hot = np.zeros(n, dtype=bool)
-        self._read_at = -inf
-        self._late_at = -inf
+        self._read_at = self._late_at = -inf
         self._late = 0
         self._begin()
 
     def _begin(self) -> None:
-        self._time = -inf
-        self._passed_at = -inf
+        self._time = self._passed_at = -inf
         self._failing_since = inf
 
     def release(self) -> None:
@@ -344,19 +336,17 @@ class GoalGate:
             time: stamp [s].
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
         """
-        at = columns_of(self._rig, channels, "position")
-        forces = columns_of(self._rig, channels, "force")
-        sample = np.array(sample, dtype=np.float64)
-        positions = np.where(at >= 0, sample[at], np.nan)
-        torques = np.where(forces >= 0, sample[forces], np.nan)
-        sample[at[at >= 0]] = self.read(time, positions, torques)[at >= 0]
-        return sample
+        at, forces = (columns_of(self._rig, channels, kind) for kind in ("position", "force"))
+        # a drive without a sensor has column −1, the NaN at the end
+        sample = np.append(sample, np.nan)
+        sample[at] = self.read(time, sample[at], sample[forces])
+        return sample[:-1]
 
     def heated(self, hot: Sequence[str]) -> None:
         """Set which motors are hot, by name: one that is stopped begins to let go of its force at
         once.
         """
-        self._hot = np.isin(self._names, list(hot))
+        self._hot = np.isin(self._names, hot)
 
     @property
     def unread(self) -> list[str]:
@@ -373,21 +363,18 @@ class GoalGate:
     @property
     def _lost(self) -> Bools:
         """Which motors are not read, or do not get their goals."""
-        lost: Bools = self._motors.lost(self._time) | self._is_failing
-        return lost
+        return self._motors.lost(self._time) | self._is_failing
 
     @property
     def _is_failing(self) -> Bools:
-        failing: Bools = self._time - self._failing_since > self._motors.oldest
-        return failing
+        return self._time - self._failing_since > self._motors.oldest
 
     @property
     def stopped(self) -> Bools:
         """Which motors are stopped because a reading is lost or in doubt, their own or that of a
         motor with a common joint, (n_drives,).
         """
-        stopped: Bools = self._together @ (self._lost | self._motors.doubted)
-        return stopped
+        return self._together @ (self._lost | self._motors.doubted)
 
     @property
     def are_ignored(self) -> bool:
@@ -481,9 +468,9 @@ class GoalGate:
         """
         if arrived:
             self._failing_since = inf
-            return
-        self._failing_since = min(self._failing_since, self._time)
-        self._sent = self._before
+        else:
+            self._failing_since = min(self._failing_since, self._time)
+            self._sent = self._before
 
     def _eased(self, time: float, stopped: Bools) -> Floats:
         """Return the goals of motors that stand, less the force that they no longer hold."""
@@ -513,14 +500,13 @@ class GoalGate:
         patience = np.where(self._hot, 0.0, USUAL.patience)
         waited = self._time - self._stopped_at - patience
         eased = np.clip(waited / USUAL.eases, 0.0, 1.0)
-        left = np.zeros(len(eased))
-        if not self._relaxes:
-            torques = np.maximum(np.abs(self._motors.torque), 1e-12)
-            left = np.where(self._hot, 0.0, np.minimum(self._continuous / torques, 1.0))
+        torques = np.maximum(np.abs(self._motors.torque), 1e-12)
+        held = np.minimum(self._continuous / torques, 1.0)
+        left = np.where(self._hot | self._relaxes, 0.0, held)
         return 1.0 - eased * (1.0 - left)
 
     def _named(self, chosen: Bools) -> list[str]:
-        return [name for name, is_chosen in zip(self._names, chosen) if is_chosen]
+        return [*compress(self._names, chosen)]
 
 
 def _ends(rig: Rig, drive: Drive, calibrated: bool) -> tuple[float, float]:
@@ -533,8 +519,10 @@ def _ends(rig: Rig, drive: Drive, calibrated: bool) -> tuple[float, float]:
 
 def crossed_joints(rig: Rig) -> Bools:
     """Return which joints the tendons of each drive cross, (n_drives, n_joints)."""
-    crossed = [
-        {joint for tendon in rig.tendons_of(drive) for joint in tendon.joints}
-        for drive in rig.drive_names
-    ]
-    return np.array([[joint in of for joint in rig.joint_names] for of in crossed])
+    joints = rig.joint_names
+    return np.array(
+        [
+            [any(joint in tendon.joints for tendon in rig.tendons_of(drive)) for joint in joints]
+            for drive in rig.drive_names
+        ]
+    )

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from math import isfinite, nan
 from pathlib import Path
 
@@ -28,7 +29,6 @@ from distal.errors import CommandError, EstimationError
 from distal.estimators import SHORTEST, TOUCHED, AdaptiveFilter, sample_problem
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.feedforward import (
-    KERNEL,
     LEAST_TENSION,
     REMEMBERED,
     ROUNDS,
@@ -159,7 +159,10 @@ class LiveModel:
         command, y = model.function()(command, row, parameters)
         sent = model.y.parts(y)
         at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > AT_END
-        forces = self._within_limits(sent["forces"], parameters)
+        # a slider cannot push; no product with a limit that may be infinite
+        high = model.of_drives(parameters, "limit")
+        pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
+        forces = ca.fmin(ca.fmax(sent["forces"], ca.if_else(pushes, -high, 0)), high)
         positions = read_function(states)(sent["positions"], came["state"], own)
         # servos give way: by their stiffness, and by their dead band in the direction of motion
         ahead = model.of_drives(parameters, "soft") * forces
@@ -182,14 +185,7 @@ class LiveModel:
             tensions=sent["tensions"],
             at_end=at_end,
         )
-        return ca.Function("live_command", [kernel_state, x, p], [following, y], *KERNEL)
-
-    def _within_limits(self, forces: ca.MX, parameters: ca.MX) -> ca.MX:
-        """Return the forces of drives, limited to what each can do; a slider cannot push."""
-        high = self.model.of_drives(parameters, "limit")
-        pushes = ca.DM([drive.kind != "slider" for drive in self.model.rig.drives])
-        # no product with a limit that may be infinite
-        return ca.fmin(ca.fmax(forces, ca.if_else(pushes, -high, 0)), high)
+        return ca.Function("live_command", [kernel_state, x, p], [following, y])
 
     def _believed(self) -> ca.Function:
         """Return the function (state, p, derived) → parameters of the inverse as the filter
@@ -344,7 +340,7 @@ def live_parameters(
             is unknown, or the speed is not above zero.
     """
     rig = live.model.rig
-    joints = [rig.joints[j] for j in live.model.free]
+    joints = live.model.joints
     names = [joint.name for joint in joints]
     given = (
         feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
@@ -410,35 +406,35 @@ class LiveInverse:
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
-        self._rig = as_rig(rig)
-        estimator = AdaptiveFilter(self._rig, compiled)
-        self._layouts = live = LiveModel(self._rig, estimator.states)
-        self._live = LiveEstimator(self._rig, estimator)
+        self.rig = rig = as_rig(rig)
+        """Description of the rig whose drives are commanded."""
+        estimator = AdaptiveFilter(rig, compiled)
+        self._layouts = live = LiveModel(rig, estimator.states)
+        self.estimator = LiveEstimator(rig, estimator)
+        """The filter on which the commands rest, at the last sample."""
+        self.channels = self.estimator.channels
+        """Names of the sensors in a sample, in its order."""
         self._free = live.model.free
-        self.joints = tuple(self._rig.joints[j].name for j in self._free)
+        self.joints = tuple(joint.name for joint in live.model.joints)
         self._kernel = kernel_of(live.structure, live.function, compiled)
         self._parameters = live_parameters(
             live, estimator, least_tension, feedback, fastest, compensates
         )
-        self._monitor = Monitor(self._live)
+        self._monitor = Monitor(self.estimator)
         self._has_map = bool(estimator.report.states)
-        self._gate = GoalGate(self._rig) if gate is None else gate
+        self._gate = GoalGate(rig) if gate is None else gate
         self._is_believed = gate is not None
-        self._positions = columns_of(self._rig, estimator.channels, "position")
-        self._moves = crossed_joints(self._rig) @ (np.array(live.model.mechanism.spread) != 0.0)
+        self._positions = columns_of(rig, self.channels, "position")
+        self._moves = crossed_joints(rig) @ (np.array(live.model.mechanism.spread) != 0.0)
         self._begin_loop()
         self.reset()
 
     def _begin_loop(self) -> None:
         """Begin a loop of the kernel, with the parts of its arrays by name."""
         self._loop = self._kernel.loop(self._parameters)
-
-        def parts(layout: Layout, array: Floats) -> dict[str, Floats]:
-            return {name: array[layout[name]] for name in layout.names}
-
-        self._kernel_state = parts(self._layouts.kernel_state, self._loop.kernel_state)
-        self._x = parts(self._layouts.x, self._loop.x)
-        self._y = parts(self._layouts.y, self._loop.y)
+        self._kernel_state = self._layouts.kernel_state.views(self._loop.kernel_state)
+        self._x = self._layouts.x.views(self._loop.x)
+        self._y = self._layouts.y.views(self._loop.y)
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
@@ -447,7 +443,7 @@ class LiveInverse:
         if not self._is_believed:
             self._gate.reset()
         # these are replaced, and never changed in place: a clone may share them
-        self._forces = np.full(len(self._rig.drives), nan)
+        self._forces = np.full(len(self.rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
         self._time: float | None = None
@@ -456,28 +452,13 @@ class LiveInverse:
         """Return a copy with the same belief, which goes on by itself."""
         other = object.__new__(LiveInverse)
         vars(other).update(vars(self))
-        other._live = self._live.clone()
-        other._monitor = self._monitor.clone(other._live)
+        other.estimator = self.estimator.clone()
+        other._monitor = self._monitor.clone(other.estimator)
         other._gate = self._gate.clone()
         other._begin_loop()
         other._loop.kernel_state[:] = self._loop.kernel_state
         other._loop.y[:] = self._loop.y
         return other
-
-    @property
-    def rig(self) -> Rig:
-        """Description of the rig whose drives are commanded."""
-        return self._rig
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample, in its order."""
-        return self._live.channels
-
-    @property
-    def estimator(self) -> LiveEstimator:
-        """The filter on which the commands rest, at the last sample."""
-        return self._live
 
     def step(
         self, time: float, desired: Sequence[float] | Floats | Mapping[str, float], sample: Floats
@@ -503,25 +484,24 @@ class LiveInverse:
         if not all(map(isfinite, reading.angles)):
             stays = [] if self._time is None else ["the last command stays"]
             return self._command(reading, [f"{reading.health} {reading.detail}", *stays])
-        unread = self._gate.unread
-        if self._time is None and unread:
-            return self._command(reading, [f"{', '.join(unread)} not read yet"])
-        if self._time is None and reading.unusable:
-            return self._command(reading, [reading.unusable])
+        unread = ", ".join(self._gate.unread)
+        missing = f"{unread} not read yet" if unread else reading.unusable
+        if self._time is None and missing:
+            return self._command(reading, [missing])
         x = self._x
         self._asked = np.where(np.isfinite(angles), angles, self._asked)
-        x["state"][:] = self._live.mean
+        x["state"][:] = self.estimator.mean
         if self._has_map:
-            x["mapped"][:] = self._live.added_by_maps[self._free]
+            x["mapped"][:] = self.estimator.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
-        read = np.where(self._positions >= 0, sample[self._positions], nan)
+        read = np.append(sample, nan)[self._positions]
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not reading.unusable
-        x["touched"][0] = self._live.touched
+        x["touched"][0] = self.estimator.touched
         stands = self._gate.stopped @ self._moves
         if self._time is None or (stands.all() and self._gate.are_ignored):
             # it begins anew: joints did not go where their commands would have brought them
-            begin = self._live.mean[self._free]
+            begin = self.estimator.mean[self._free]
             self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
             self._loop.kernel_state[:] = 0.0
             x["desired"][:] = begin
@@ -532,14 +512,15 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(max(time - self._time, SHORTEST), LIMITS.overdue * self._live.interval)
+            x["dt"][0] = min(
+                max(time - self._time, SHORTEST), LIMITS.overdue * self.estimator.interval
+            )
             self._loop.step()
         self._time = time
         self._stood = stands
-        at_end = zip(self._rig.drive_names, self._y["at_end"])
-        ended = [name for name, is_cut in at_end if is_cut]
+        ended = ", ".join(compress(self.rig.drive_names, self._y["at_end"]))
         notes = [f"no feedback: {reading.unusable}"] if reading.unusable else []
-        notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
+        notes += [f"{ended} at the end of its range"] if ended else []
         return self._command(reading, notes)
 
     def _angles(self, desired: Sequence[float] | Floats | Mapping[str, float]) -> Floats:
@@ -561,8 +542,8 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        angles = self._live.mean[self._free]
-        stds = self._live.angle_stds[self._free]
+        angles = self.estimator.mean[self._free]
+        stds = self.estimator.angle_stds[self._free]
         away = stands & (np.abs(self._kernel_state["reference"] - angles) > BAND * stds)
         for name in ("reference", "wished"):
             np.copyto(self._kernel_state[name], angles, where=away)
@@ -573,20 +554,18 @@ class LiveInverse:
     def _command(self, reading: Reading, notes: list[str]) -> Command:
         """Return the command of the last kernel step as it passes the gate."""
         y = self._y
-        count = len(self._rig.drives)
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            nothing = np.full(count, nan)
+            nothing = np.full(len(self.rig.drives), nan)
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
         is_new = all(map(isfinite, reading.angles))
-        goals = y["positions"] if is_new else np.full(count, nan)
-        positions = self._gate.passed(reading.time, goals)
+        positions = self._gate.passed(reading.time, np.where(is_new, y["positions"], nan))
         stands = self._gate.stopped
         self._forces = np.where(stands, self._forces, y["forces"])
-        notes = [*notes, self._gate.note] if self._gate.note else notes
+        note = "; ".join(filter(None, [*notes, self._gate.note]))
         speeds = np.where(stands, 0.0, y["speeds"])
-        return Command(positions, speeds, self._forces.copy(), reading, "; ".join(notes))
+        return Command(positions, speeds, self._forces.copy(), reading, note)
 
     @property
     def holding(self) -> Floats:
@@ -599,9 +578,7 @@ class LiveInverse:
         """Take in whether the last command was sent; if not, the goals before it count."""
         self._gate.confirm(arrived)
 
-    def __copy__(self) -> LiveInverse:
-        """Return a clone: buffers are never shared."""
-        return self.clone()
+    __copy__ = clone
 
     def __deepcopy__(self, memo: object) -> LiveInverse:
         """Return a clone."""

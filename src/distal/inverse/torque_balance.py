@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from inspect import signature
 from math import inf
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,7 +28,6 @@ from distal.model import Mechanism
 from distal.model.parameters import Derived, Symbolic
 from distal.model.tendon_tensions import Pulls
 from distal.rig import Rig
-from distal.rig.drives import Drive
 
 DERIVED = "command."
 """Prefix of the names of these inputs."""
@@ -55,7 +53,11 @@ def _inputs(rig: Rig) -> Iterator[tuple[str, float]]:
         yield f"{path}.limit", limit
         yield f"{path}.radius", drive.lever
         yield f"{path}.most_pull", limit / drive.lever
-        yield f"{path}.margin", _margin(rig, drive)
+        # so far are pulls commanded above the least tension that all but 2.5 % of the rigs as built
+        # keep it: at a given position, softer tendons pull less, in proportion to their stiffness
+        stiffnesses = [tendon.stiffness for tendon in rig.tendons_of(drive.name)]
+        spread = max(stiffness.total_std / stiffness.value for stiffness in stiffnesses)
+        yield f"{path}.margin", 1.0 + BAND * spread
         # a servo of stiffness K and dead band δ, with the force F in the direction d, is at
         # s = u − F/K − δ d
         yield f"{path}.soft", 0.0 if servo is None or not servo.stiffness else 1 / servo.stiffness
@@ -74,44 +76,25 @@ def _ends(path: str, stops: tuple[float, float] | None) -> Iterator[tuple[str, f
     yield f"{path}.high", high
 
 
-def _margin(rig: Rig, drive: Drive) -> float:
-    """Return the factor by which pulls are commanded above the least tension, so that all but 2.5 %
-    of the rigs as built keep that.
-
-    At a given position of a drive, softer tendons pull less, in proportion to their stiffness.
-    """
-    return 1.0 + BAND * max(
-        tendon.stiffness.total_std / tendon.stiffness.value for tendon in rig.tendons_of(drive.name)
-    )
-
-
 def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Function]:
     """Return a method of a `Balance` as a CasADi function, which is made once for each object.
 
     The arguments are symbols: `p` are the parameters of the equations, and the others have the
-    shapes in `Balance.shapes`, by their names.
+    shapes in `Balance.shapes`, by their names, or else one number for each drive.
     """
 
     def made(balance: Balance) -> ca.Function:
         _, *names = signature(method).parameters
-        own = {"p": balance.mechanism.parameters.symbols}
+        p = balance.mechanism.parameters.symbols
         symbols = [
-            own[name] if name in own else ca.SX.sym(name, *balance.shapes[name]) for name in names
+            p if name == "p" else ca.SX.sym(name, *balance.shapes.get(name, (balance.nd,)))
+            for name in names
         ]
         outputs = [ca.densify(ca.SX(each)) for each in method(balance, *symbols)]
         return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
 
     made.__doc__ = method.__doc__
     return cached_property(made)
-
-
-class CoupledJoints(NamedTuple):
-    """Free joints and the drives that move them, which move no other joint: indices among the free
-    joints, and among the drives.
-    """
-
-    joints: list[int]
-    drives: list[int]
 
 
 class Balance:
@@ -132,48 +115,40 @@ class Balance:
         self.mechanism = mechanism
         self.rig = rig
         self.free = list(mechanism.free)
+        self.joints = [rig.joints[j] for j in self.free]
         self.nj = mechanism.n_joints
         self.nd = mechanism.n_drives
         self.nt = mechanism.n_tendons
         self.nf = len(self.free)
         self.n_inside = len(mechanism.plays) + len(mechanism.strains)
         self.tendons_of = [mechanism.pulled_by(self.nj + d) for d in range(self.nd)]
+        self.one_sided = [len(tendons) == 1 for tendons in self.tendons_of]
+        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
         of_free = ("free", "desired", "speeds", "accelerations", "turned", "torques")
-        of_drives = (
-            *("positions", "within", "rates", "drives_turned", "pulls", "before", "rubbed"),
-            *("steepest", "low", "high", "excess", "slope", "least", "variances"),
-        )
-        self.shapes = (
-            dict.fromkeys(of_free, (self.nf,))
-            | dict.fromkeys(of_drives, (self.nd,))
-            | dict.fromkeys(("angles", "external"), (self.nj,))
-            | {"arms": (self.nf, self.nd), "shares": (self.nt,), "dt": (1,), "lowest": (1,)}
-        )
+        self.shapes = dict.fromkeys(of_free, (self.nf,)) | {
+            "angles": (self.nj,),
+            "external": (self.nj,),
+            "arms": (self.nf, self.nd),
+            "shares": (self.nt,),
+            "lowest": (1,),
+        }
 
     @cached_property
     def moved_by(self) -> Matrix:
         """Torque on each free joint per pull of each drive at all angles, by its pattern alone."""
-        return ca.sparsify(
-            self.arms(
-                ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
-            )
-        )
+        q = ca.SX.sym("q", self.nj)
+        s = ca.SX.sym("s", self.nd)
+        return ca.sparsify(self.arms(q, s, self.mechanism.parameters.symbols))
 
     @cached_property
-    def parts(self) -> list[CoupledJoints]:
-        """Groups of free joints and drives that are not coupled to one another."""
+    def parts(self) -> list[tuple[list[int], list[int]]]:
+        """Groups of free joints and the drives that move them, which move no other joint: indices
+        among the free joints, and among the drives.
+        """
         moves = np.array(ca.DM.ones(self.moved_by.sparsity())) > 0.0
         count, groups = connected_components(moves @ moves.T)
         joints = [np.flatnonzero(groups == k) for k in range(count)]
-        return [
-            CoupledJoints(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist())
-            for of in joints
-        ]
-
-    @property
-    def one_sided(self) -> list[bool]:
-        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
-        return [len(tendons) == 1 for tendons in self.tendons_of]
+        return [(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist()) for of in joints]
 
     def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
         """Return the angles of all joints, (n_joints,) [rad], from those of the `free` joints,
@@ -186,18 +161,6 @@ class Balance:
 
     def _levers(self, angles: Vector, positions: Vector) -> Matrix:
         return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
-
-    def _shares(self, angles: Vector, positions: Vector) -> Vector:
-        """Return the share of each tendon's tension in its drive's pull, (n_tendons,): its moment
-        arms projected onto those of the drive's first tendon.
-        """
-        levers = self._levers(angles, positions)[:, : self.nj]
-        shares = ca.SX.ones(self.nt)
-        for tendons in self.tendons_of:
-            first = levers[tendons[0], :]
-            for i in tendons[1:]:
-                shares[i] = ca.dot(levers[i, :], first) / ca.dot(first, first)
-        return shares
 
     def arms(self, angles: Vector, positions: Vector, p: Vector) -> Matrix:
         """Return the torque on each free joint per pull of each drive, (n_free, n_drives) [m], at
@@ -214,9 +177,7 @@ class Balance:
         drives' positions [N/m, N/rad], (n_drives,) each.
         """
         tensions = self._pulls_at(angles, positions).joint
-        pulls = ca.vertcat(
-            *(sum((shares[i] * tensions[i] for i in own), ca.SX(0)) for own in self.tendons_of)
-        )
+        pulls = ca.vertcat(*(ca.dot(shares[own], tensions[own]) for own in self.tendons_of))
         return [pulls, ca.jtimes(pulls, positions, ca.SX.ones(self.nd))]
 
     def _pulls_at(self, angles: Vector, positions: Vector, settled: bool = False) -> Pulls:
@@ -228,20 +189,21 @@ class Balance:
     def geometry(self, angles: Vector, positions: Vector, p: Vector) -> list[Vector]:
         """Function (θ, s, p) → moment arms (n_free, n_drives), shares (n_tendons,), and the largest
         possible derivative of each drive's pull by its position (n_drives,).
+
+        The share of a tendon's tension in its drive's pull is its moment arms projected onto those
+        of the drive's first tendon.
         """
         levers = self._levers(angles, positions)
-        shares = self._shares(angles, positions)
-        steepest = [
-            sum(
-                (
-                    ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i)
-                    for i in tendons
-                ),
-                ca.SX(0),
-            )
-            for d, tendons in enumerate(self.tendons_of)
-        ]
-        return [self.arms(angles, positions, p), shares, ca.vertcat(*steepest)]
+        shares = ca.SX.ones(self.nt)
+        steepest = ca.SX.zeros(self.nd)
+        for d, tendons in enumerate(self.tendons_of):
+            first = levers[tendons[0], : self.nj]
+            for i in tendons[1:]:
+                shares[i] = ca.dot(levers[i, : self.nj], first) / ca.dot(first, first)
+            for i in tendons:
+                pulled = ca.fabs(shares[i] * levers[i, self.nj + d])
+                steepest[d] += pulled * self.mechanism.stiffest(i)
+        return [self.arms(angles, positions, p), shares, steepest]
 
     @traced
     def needed(
@@ -295,14 +257,6 @@ class Balance:
         return [force, pulls.drive]
 
     @traced
-    def moved(self, angles: Vector, positions: Vector, dt: Vector, p: Vector) -> list[Vector]:
-        """Function (θ, s, dt, p) → internal state after a time dt: backlash, points of sheaths,
-        creep.
-        """
-        q = ca.vertcat(angles, positions)
-        return [ca.vertcat(*self.mechanism.internal_state(q).inside, *self.mechanism.crept(q, dt))]
-
-    @traced
     def tangent(
         self,
         free: Vector,
@@ -353,8 +307,7 @@ class Balance:
         their order.
         """
         parameters = self.mechanism.parameters
-        at = [i for i, name in enumerate(parameters.names) if name.startswith(DERIVED)]
-        return parameters.values[at]
+        return parameters.values[[name.startswith(DERIVED) for name in parameters.names]]
 
     def within_stops(self, angles: Symbolic, p: Symbolic) -> Symbolic:
         """Return angles of free joints, (n_free,) [rad], limited to their stops."""

@@ -74,6 +74,14 @@ class Layout:
         shape = self._shapes[name]
         return array[..., at].reshape(*array.shape[:-1], *shape)
 
+    def views(self, array: NDArray[Number]) -> dict[str, NDArray[Number]]:
+        """Return all parts of an array (…, size) by name; see `view`."""
+        return {name: self.view(array, name) for name in self._shapes}
+
+    def rows(self, **parts: Floats) -> Floats:
+        """Return the rows, (k, size), that have these parts, (k, …) each, by name."""
+        return np.column_stack([parts[name] for name in self._shapes])
+
     def joined(self, **parts: Expression) -> Expression:
         """Return the CasADi column that has these parts, by name."""
         assert set(parts) == set(self._shapes), (set(parts), set(self._shapes))

@@ -283,7 +283,7 @@ def features_along(
     first = first_function(shape)(np.nan_to_num(readings[0]), is_present[0], centre, scale, play)
     rows = np.column_stack([np.diff(time, prepend=time[:1]), np.nan_to_num(readings), is_present])
     ys = advance(features_kernel(shape), Feed(np.array(first).ravel(), rows, frame), keep=[0]).ys
-    return {name: shape.outputs.view(ys, name) for name in shape.outputs.names}
+    return shape.outputs.views(ys)
 
 
 def empty_frame(shape: Shape) -> dict[str, Floats]:

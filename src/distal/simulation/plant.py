@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import accumulate
+from math import inf, sqrt
 
 import casadi as ca
 import numpy as np
@@ -29,6 +31,7 @@ from distal.kernels import (
 from distal.model import GRAVITY, Mechanism, interval_step
 from distal.model.stepping import RESOLUTION
 from distal.rig import Subsystem, independent_parts
+from distal.rig.drives import Drive
 from distal.simulation.scenario import (
     CapstanServo,
     DriveInput,
@@ -38,6 +41,14 @@ from distal.simulation.scenario import (
     TurningHand,
 )
 from distal.units import to_si
+
+
+def ends_of_outputs(mechanism: Mechanism) -> list[int]:
+    """Return where the parts of an output y of the plant's kernel begin and end: coordinates and
+    velocities of the bodies, tensions, and pulls on the bodies.
+    """
+    n = mechanism.n_bodies
+    return [*accumulate((0, n, n, mechanism.n_tendons, n))]
 
 
 def parts_of_plant(mechanism: Mechanism) -> tuple[Subsystem, ...]:
@@ -62,16 +73,16 @@ def plants_apart(
         rubbing: indices of the drives with friction inside their transmission.
     """
     n = mechanism.n_bodies
-    nt = mechanism.n_tendons
     nj = mechanism.n_joints
     names = mechanism.parameters.names
+    _, _, tense, pulling, ny = ends_of_outputs(mechanism)
     kernels = []
     for part in parts:
         equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
-        drives, tendons = (
-            np.array(part.indices[kind], dtype=np.intp) for kind in ("drives", "tendons")
+        joints, drives, tendons = (
+            np.array(part.indices[kind], dtype=np.intp) for kind in ("joints", "drives", "tendons")
         )
-        bodies = np.concatenate([part.indices["joints"], nj + drives]).astype(np.intp)
+        bodies = np.concatenate([joints, nj + drives])
         frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
         kernel_state = np.concatenate([bodies, n + bodies, 2 * n + frictions])
         x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
@@ -79,9 +90,9 @@ def plants_apart(
             [names.index(part.whole_path(name)) for name in equations.parameters.names],
             dtype=np.intp,
         )
-        y = np.concatenate([bodies, n + bodies, 2 * n + tendons, 2 * n + nt + bodies])
+        y = np.concatenate([bodies, n + bodies, tense + tendons, pulling + bodies])
         kernels.append(PlacedKernel(plant(equations), kernel_state, x, p, y))
-    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), 3 * n + nt))
+    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), ny))
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
@@ -108,33 +119,28 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     kernel_state = ca.MX.sym("kernel_state", 2 * n + len(rubbing) + nx)
     x = ca.MX.sym("x", 5 * n + 1)
     parameters = ca.MX.sym("p", len(mechanism.parameters))
-    frictions = kernel_state[2 * n : 2 * n + len(rubbing)]
-    inside = kernel_state[2 * n + len(rubbing) :]
-    p = ca.vertcat(parameters[: parameters.numel() - nx], inside) if nx else parameters
-    before = kernel_state[n : 2 * n]
-    dt = x[5 * n]
-    effort = x[:n]
-    added = x[n : 2 * n]
-    servo = ca.reshape(x[2 * n : 5 * n], n, 3)
-    force, follow = internal_friction(mechanism, rubbing)
-    acting = effort + force(kernel_state[:n], frictions, p) if rubbing else effort
-    q_next, v_next = step(kernel_state[:n], before, acting, added, servo, dt, p)
-    acceleration = (v_next - before) / dt
-    pull = (
-        effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
+    at, before, frictions, inside = ca.vertsplit(
+        kernel_state, [*accumulate((0, n, n, len(rubbing), nx))]
     )
+    effort, added, *springs, dt = ca.vertsplit(x, [*range(0, 5 * n + 1, n), 5 * n + 1])
+    stiffness, target, damping = springs
+    known = parameters[: parameters.numel() - nx]
+    p = ca.vertcat(known, inside) if nx else parameters
+    force, follow = internal_friction(mechanism, rubbing)
+    acting = effort + force(at, frictions, p) if rubbing else effort
+    q_next, v_next = step(at, before, acting, added, ca.horzcat(*springs), dt, p)
+    acceleration = (v_next - before) / dt
+    pull = effort - added * acceleration + stiffness * (target - q_next) - damping * v_next
     if nx:
         inside = settled_function(mechanism)(q_next, dt, p)
-        p = ca.vertcat(parameters[: parameters.numel() - nx], inside)
+        p = ca.vertcat(known, inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
-    frictions = follow(kernel_state[:n], q_next, v_next, frictions, p) if rubbing else frictions
+    frictions = follow(at, q_next, v_next, frictions, p) if rubbing else frictions
     following = ca.vertcat(q_next, v_next, frictions, inside)
     return ca.Function(
         "plant",
         [kernel_state, x, parameters],
         [following, y],
-        ["kernel_state", "x", "p"],
-        ["next", "y"],
     )
 
 
@@ -159,8 +165,22 @@ def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
     are in the middle of their bounds, and creep is as settled as the rig says.
     """
-    structure = structure_of("inside", mechanism, settled=settled_creeps(mechanism))
-    return function_of(structure, lambda: _inside_function(mechanism))
+    settled = settled_creeps(mechanism)
+
+    def make() -> ca.Function:
+        still = Mechanism(mechanism.rig)
+        at = ca.SX.sym("q", mechanism.n_bodies)
+        pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+        p = still.parameters
+        strains = []
+        for i, share in settled:
+            stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
+            strains.append(share * p[f"tendons.{i}.creep.share"] * stretch)
+        return ca.Function(
+            "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
+        )
+
+    return function_of(structure_of("inside", mechanism, settled=settled), make)
 
 
 def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
@@ -171,20 +191,6 @@ def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
         (i, tendon.creep.settled.value)
         for i, tendon in enumerate(mechanism.rig.tendons)
         if tendon.creep is not None
-    )
-
-
-def _inside_function(mechanism: Mechanism) -> ca.Function:
-    still = Mechanism(mechanism.rig)
-    at = ca.SX.sym("q", mechanism.n_bodies)
-    pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
-    p = still.parameters
-    strains = []
-    for i, settled in settled_creeps(mechanism):
-        stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-        strains.append(settled * p[f"tendons.{i}.creep.share"] * stretch)
-    return ca.Function(
-        "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
     )
 
 
@@ -216,14 +222,14 @@ def longest_interval(mechanism: Mechanism) -> float:
     """
     q = ca.SX.sym("q", mechanism.n_bodies)
     p = mechanism.parameters
-    longest = float("inf")
+    longest = inf
     for i in hysteretic(mechanism):
         slopes = ca.jacobian(mechanism.stretch(i, q), q)
         square = presliding_stiffness(mechanism, i) * ca.sum2(slopes**2 / mechanism.inertias().T)
         square = ca.Function("square", [q, p.symbols], [square])(
             np.zeros(mechanism.n_bodies), p.values
         )
-        longest = min(longest, RESOLUTION / float(np.sqrt(float(square))))
+        longest = min(longest, RESOLUTION / sqrt(square))
     return longest
 
 
@@ -299,20 +305,22 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
             _spring(inputs, i, load.hand, load.hand.angle.at(time))
     for i, drive in enumerate(rig.drives):
         pull = scenario.drives.get(drive.name, DriveInput())
-        _check_pull(pull, drive.kind, f"drives.{drive.name}")
-        _drive(inputs, mechanism.n_joints + i, pull, time)
+        _drive(inputs, mechanism.n_joints + i, drive, pull, time)
     return inputs
 
 
-def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> None:
-    for signal in (pull.force, pull.torque, pull.weight):
+def _drive(inputs: BodyInputs, body: int, drive: Drive, pull: DriveInput, time: Floats) -> None:
+    for name, signal in (("weight", pull.weight), ("force", pull.force), ("torque", pull.torque)):
         if signal is not None:
+            _check_pull(drive, name)
             inputs.effort[:, body] += signal.at(time)
     if pull.weight is not None:
         inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
-    if pull.servo is not None:
-        target = pull.servo.position if isinstance(pull.servo, SliderLoop) else pull.servo.angle
-        _spring(inputs, body, pull.servo, target.at(time))
+    servo = pull.servo
+    if servo is not None:
+        _check_pull(drive, "servo.position" if isinstance(servo, SliderLoop) else "servo.angle")
+        target = servo.position if isinstance(servo, SliderLoop) else servo.angle
+        _spring(inputs, body, servo, target.at(time))
 
 
 def _spring(
@@ -323,20 +331,13 @@ def _spring(
     inputs.servo[:, body, 1] = target
 
 
-def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
-    parts = {
-        "weight": pull.weight,
-        "force": pull.force,
-        "torque": pull.torque,
-        "servo.position": pull.servo if isinstance(pull.servo, SliderLoop) else None,
-        "servo.angle": pull.servo if isinstance(pull.servo, CapstanServo) else None,
-    }
-    for name, part in parts.items():
-        if part is not None and name not in PULLS[kind]:
-            allowed = ", ".join(PULLS[kind])
-            raise ScenarioError(
-                f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed"
-            )
+def _check_pull(drive: Drive, part: str) -> None:
+    allowed = PULLS[drive.kind]
+    if part not in allowed:
+        raise ScenarioError(
+            f"drives.{drive.name}.{part}: a {drive.kind} cannot be pulled so; "
+            f"{', '.join(allowed)} are allowed"
+        )
 
 
 def check_names(
@@ -366,22 +367,21 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     """
     names = mechanism.rig.joint_names
     check_names(scenario.initial, names, "initial", "joint")
-    angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
+    joints = mechanism.rig.joints
+    angles = np.array([joint.initial.value for joint in joints])
     for name, raw in scenario.initial.items():
-        coupled = mechanism.rig.joints[names.index(name)].coupled
+        at = names.index(name)
+        coupled = joints[at].coupled
         if coupled is not None:
             raise ScenarioError(
                 f"initial.{name}: it follows '{coupled.joint}'; give the angle of that joint"
             )
         try:
-            angles[names.index(name)] = to_si(raw, "rad")
+            angles[at] = to_si(raw, "rad")
         except ValueError as problem:
             raise ScenarioError(f"initial.{name}: {problem}") from None
     # a coupled joint follows from the joint that it is coupled to
-    placed: Floats = (
-        mechanism.spread.full() @ angles[mechanism.free]
-    ) + mechanism.offsets.full().ravel()
-    return placed
+    return np.array(mechanism.spread @ angles[mechanism.free] + mechanism.offsets).ravel()
 
 
 @dataclass(frozen=True)
@@ -399,22 +399,17 @@ class PlantMotion:
         return self.y[:, : self.plant.n_bodies]
 
     @property
-    def v(self) -> Floats:
-        """Velocities of the bodies, joints first, (k, n_bodies)."""
-        return self.y[:, self.plant.n_bodies : 2 * self.plant.n_bodies]
-
-    @property
     def tensions(self) -> Floats:
         """Tensions of the tendons, (k, n_tendons) [N]."""
-        n = 2 * self.plant.n_bodies
-        return self.y[:, n : n + self.plant.n_tendons]
+        _, _, begin, end, _ = ends_of_outputs(self.plant)
+        return self.y[:, begin:end]
 
     @property
     def pulls(self) -> Floats:
         """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k,
         n_bodies) [N m, N].
         """
-        return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
+        return self.y[:, -self.plant.n_bodies :]
 
     def check(self) -> None:
         """Check that the motion is finite and within bounds.
@@ -425,8 +420,7 @@ class PlantMotion:
         if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
             raise ScenarioError(
                 "the simulated motion left all bounds: a force without a stop or tendon that "
-                "holds it, "
-                "or a step that is too long (see stepping.largest_step)"
+                "holds it, or a step that is too long (see stepping.largest_step)"
             )
 
 
@@ -450,33 +444,30 @@ def at_rest(
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.values
-    inside = np.array(
-        inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
-    ).ravel()
-    kernel_state = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
+    inside = inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
+    still = np.zeros(n + len(hysteretic(mechanism)))
+    kernel_state = np.concatenate([start, still, np.array(inside).ravel()])
     # a tiny interval gives the tensions there
     y = advance(kernel, Feed(kernel_state, rows_of(inputs, 1e-12)[:1], p)).ys
+    stiffness, target, _ = inputs.servo[0].T
     y[:, :n] = start
     y[:, n : 2 * n] = 0.0
-    servo = inputs.servo[:1]
-    y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (
-        servo[:, :, 1] - start
-    )
+    y[:, -n:] = inputs.effort[0] + stiffness * (target - start)
     return kernel_state, y
 
 
 def resting_force(mechanism: Mechanism) -> ca.Function:
     """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
-    structure = structure_of("resting force", mechanism, settled=settled_creeps(mechanism))
-    return function_of(structure, lambda: _resting_force(mechanism))
 
+    def make() -> ca.Function:
+        still = Mechanism(mechanism.rig)
+        q = ca.SX.sym("q", mechanism.n_bodies)
+        tied = still.internal_state(q).q
+        pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
+        return ca.Function("force", [q, still.parameters.symbols], [pull])
 
-def _resting_force(mechanism: Mechanism) -> ca.Function:
-    still = Mechanism(mechanism.rig)
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    tied = still.internal_state(q).q
-    pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
-    return ca.Function("force", [q, still.parameters.symbols], [pull])
+    settled = settled_creeps(mechanism)
+    return function_of(structure_of("resting force", mechanism, settled=settled), make)
 
 
 def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
@@ -501,19 +492,16 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         def net(position: float, body: int = i) -> float:
             coordinates[body] = position
             spring = servo[body, 0] * (servo[body, 1] - position)
-            return (
-                float(force(coordinates, p)[body]) + float(inputs.effort[0, body]) + float(spring)
-            )
+            return float(force(coordinates, p)[body] + inputs.effort[0, body] + spring)
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):
             reach *= 2.0
             if reach > 1e3:
                 raise ScenarioError(
-                    f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its "
-                    "pull"
+                    f"drives.{drive.name}: no equilibrium at the start; check its pull"
                 )
-        coordinates[i] = float(brentq(net, -reach, reach, xtol=1e-12))
+        coordinates[i] = brentq(net, -reach, reach, xtol=1e-12)
         if drive.stops is not None:
-            coordinates[i] = float(np.clip(coordinates[i], *drive.stops))
+            coordinates[i] = np.clip(coordinates[i], *drive.stops)
     return coordinates

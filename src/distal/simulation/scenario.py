@@ -86,11 +86,9 @@ class SignalIn:
 
     def _read(self, raw: object) -> Signal:
         signal = self._parse(raw)
-        if self.nonnegative and min(signal.values) - abs(signal.amplitude) < 0.0:
-            raise UnitError(
-                f"must not be negative, {min(signal.values) - abs(signal.amplitude):g} {self.si} "
-                "came"
-            )
+        least = min(signal.values) - abs(signal.amplitude)
+        if self.nonnegative and least < 0.0:
+            raise UnitError(f"must not be negative, {least:g} {self.si} came")
         return signal
 
     def _parse(self, raw: object) -> Signal:
@@ -277,14 +275,20 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
     if "joints" in raw and "rig" not in raw:
         raise ScenarioError(
             f"{name}: is a rig file; simulate takes what is done to it: a file with rig = "
-            f'"{name}", duration and '
-            "[drives], or a shipped scenario (distal scenarios)"
+            f'"{name}", duration and [drives], or a shipped scenario (distal scenarios)'
         )
     scenario = build_scenario(raw, str(name))
     if scenario.rig.endswith(".toml"):
         beside = description_path(name, SCENARIOS).parent
         return scenario.model_copy(update={"rig": str(beside / scenario.rig)})
     return scenario
+
+
+def as_scenario(scenario: Scenario | str | Path) -> Scenario:
+    """Return a `Scenario` as it is, or load one by its shipped name or path; for errors see
+    `load_scenario`.
+    """
+    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
 
 
 def build_scenario(raw: Mapping[str, object], source: str = "scenario") -> Scenario:

@@ -42,23 +42,21 @@ from distal.simulation.plant import (
     PlantMotion,
     at_rest,
     body_inputs,
+    ends_of_outputs,
     equilibrium,
     initial_angles,
     longest_interval,
     plant_kernel,
     rows_of,
 )
-from distal.simulation.scenario import Scenario, load_scenario
+from distal.simulation.scenario import Scenario, as_scenario
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
     """Return the motion at one moment from an output y, (n_y,), of a plant's kernel
     (`plant_function`).
     """
-    n = plant.n_bodies
-    return Moment(
-        plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :]
-    )
+    return Moment(plant, *ca.vertsplit(y, ends_of_outputs(plant)))
 
 
 class Sampler:
@@ -68,7 +66,7 @@ class Sampler:
 
     def __init__(self, plant: Mechanism, seed: int) -> None:
         self._rig = rig = plant.rig
-        y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
+        y = ca.SX.sym("y", ends_of_outputs(plant)[-1])
         p = plant.parameters
         moment = moment_of(plant, y)
         readings = [ca.SX(moment.read(sensor)) for sensor in rig.sensors]
@@ -136,24 +134,13 @@ def simulate_plant(rig: Rig | str | Path, scenario: Scenario | str | Path, seed:
         RigError: the plant's values are wrong.
     """
     prepared = prepare(rig, scenario, seed)
-    check_open(prepared.scenario)
+    if prepared.scenario.control is not None:
+        raise ScenarioError(
+            f"{prepared.scenario.name or 'scenario'}: has a [control], and its loop is not closed "
+            "here; use distal.closed_loop or distal control, one seed at a time"
+        )
     (motion,) = motions_of([prepared])
     return sampled(prepared, motion, seed)
-
-
-def check_open(scenario: Scenario) -> None:
-    """Refuse a scenario with a controller, which is run in another way.
-
-    Raises:
-        ScenarioError: it has a controller.
-    """
-    if scenario.control is not None:
-        name = scenario.name or "scenario"
-        raise ScenarioError(
-            f"{name}: has a [control], and its loop is not closed here; use distal.closed_loop or "
-            "distal control, one "
-            "seed at a time"
-        )
 
 
 @dataclass(frozen=True)
@@ -191,7 +178,7 @@ def prepare(
         ScenarioError: the scenario does not fit the rig.
         RigError: the plant's values are wrong.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    scenario = as_scenario(scenario)
     rig = as_rig(rig)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
@@ -276,20 +263,11 @@ def log_of(
     motion: PlantMotion, grid: Floats, stamps: Floats, read: Floats, scenario: Scenario
 ) -> Log:
     """Return the log of a motion at the times `grid` [s], with what its sensors read at `stamps`
-    [s], (k, n_sensors).
-    """
-    channels = {sensor.name: read[:, k] for k, sensor in enumerate(motion.plant.rig.sensors)}
-    truth = true_motion(motion, grid, stamps)
-    return Log(stamps, channels, truth, scenario.name or "simulation", SIMULATED)
-
-
-def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
-    """Return the truth of a log by name: angles and torques of joints, positions and forces of
-    drives, tensions, (k,) each.
-
-    The motion is at the times `grid` [s], the log has the `stamps` [s], (k,).
+    [s], (k, n_sensors), and the truth: angles and torques of joints, positions and forces of
+    drives, tensions.
     """
     rig = motion.plant.rig
+    channels = dict(zip(rig.sensor_names, read.T))
     n = motion.plant.n_joints
     names = [
         *angle_names(rig.joint_names),
@@ -301,19 +279,17 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
     q = motion.q
     pulls = motion.pulls
     columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], motion.tensions])
-    return {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}
+    truth = {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}
+    return Log(stamps, channels, truth, scenario.name or "simulation", SIMULATED)
 
 
 BESIDE = ".rig.toml"
 """What follows the name of a log in the name of the file. Source: definition."""
 
-OF_ALL = f"all{BESIDE}"
-"""Name of the file of several logs in a folder. Source: definition."""
-
 
 def rig_beside(log: Path, several: bool = False) -> Path:
     """Return the path of the file beside a log, or of that of several logs in a folder."""
-    return log / OF_ALL if several else log.with_name(log.name + BESIDE)
+    return log / f"all{BESIDE}" if several else log.with_name(log.name + BESIDE)
 
 
 def text_beside(rig: str, values: Mapping[str, object]) -> str:
