@@ -406,25 +406,21 @@ class LiveInverse:
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
-        self.rig = rig = as_rig(rig)
-        """Description of the rig whose drives are commanded."""
+        self._rig = rig = as_rig(rig)
         estimator = AdaptiveFilter(rig, compiled)
         self._layouts = live = LiveModel(rig, estimator.states)
-        self.estimator = LiveEstimator(rig, estimator)
-        """The filter on which the commands rest, at the last sample."""
-        self.channels = self.estimator.channels
-        """Names of the sensors in a sample, in its order."""
+        self._live = LiveEstimator(rig, estimator)
         self._free = live.model.free
         self.joints = tuple(joint.name for joint in live.model.joints)
         self._kernel = kernel_of(live.structure, live.function, compiled)
         self._parameters = live_parameters(
             live, estimator, least_tension, feedback, fastest, compensates
         )
-        self._monitor = Monitor(self.estimator)
+        self._monitor = Monitor(self._live)
         self._has_map = bool(estimator.report.states)
         self._gate = GoalGate(rig) if gate is None else gate
         self._is_believed = gate is not None
-        self._positions = columns_of(rig, self.channels, "position")
+        self._positions = columns_of(rig, estimator.channels, "position")
         self._moves = crossed_joints(rig) @ (np.array(live.model.mechanism.spread) != 0.0)
         self._begin_loop()
         self.reset()
@@ -443,7 +439,7 @@ class LiveInverse:
         if not self._is_believed:
             self._gate.reset()
         # these are replaced, and never changed in place: a clone may share them
-        self._forces = np.full(len(self.rig.drives), nan)
+        self._forces = np.full(len(self._rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
         self._time: float | None = None
@@ -452,13 +448,28 @@ class LiveInverse:
         """Return a copy with the same belief, which goes on by itself."""
         other = object.__new__(LiveInverse)
         vars(other).update(vars(self))
-        other.estimator = self.estimator.clone()
-        other._monitor = self._monitor.clone(other.estimator)
+        other._live = self._live.clone()
+        other._monitor = self._monitor.clone(other._live)
         other._gate = self._gate.clone()
         other._begin_loop()
         other._loop.kernel_state[:] = self._loop.kernel_state
         other._loop.y[:] = self._loop.y
         return other
+
+    @property
+    def rig(self) -> Rig:
+        """Description of the rig whose drives are commanded."""
+        return self._rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample, in its order."""
+        return self._live.channels
+
+    @property
+    def estimator(self) -> LiveEstimator:
+        """The filter on which the commands rest, at the last sample."""
+        return self._live
 
     def step(
         self, time: float, desired: Sequence[float] | Floats | Mapping[str, float], sample: Floats
@@ -490,18 +501,18 @@ class LiveInverse:
             return self._command(reading, [missing])
         x = self._x
         self._asked = np.where(np.isfinite(angles), angles, self._asked)
-        x["state"][:] = self.estimator.mean
+        x["state"][:] = self._live.mean
         if self._has_map:
-            x["mapped"][:] = self.estimator.added_by_maps[self._free]
+            x["mapped"][:] = self._live.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
         read = np.append(sample, nan)[self._positions]
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not reading.unusable
-        x["touched"][0] = self.estimator.touched
+        x["touched"][0] = self._live.touched
         stands = self._gate.stopped @ self._moves
         if self._time is None or (stands.all() and self._gate.are_ignored):
             # it begins anew: joints did not go where their commands would have brought them
-            begin = self.estimator.mean[self._free]
+            begin = self._live.mean[self._free]
             self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
             self._loop.kernel_state[:] = 0.0
             x["desired"][:] = begin
@@ -512,13 +523,11 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(
-                max(time - self._time, SHORTEST), LIMITS.overdue * self.estimator.interval
-            )
+            x["dt"][0] = min(max(time - self._time, SHORTEST), LIMITS.overdue * self._live.interval)
             self._loop.step()
         self._time = time
         self._stood = stands
-        ended = ", ".join(compress(self.rig.drive_names, self._y["at_end"]))
+        ended = ", ".join(compress(self._rig.drive_names, self._y["at_end"]))
         notes = [f"no feedback: {reading.unusable}"] if reading.unusable else []
         notes += [f"{ended} at the end of its range"] if ended else []
         return self._command(reading, notes)
@@ -542,8 +551,8 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        angles = self.estimator.mean[self._free]
-        stds = self.estimator.angle_stds[self._free]
+        angles = self._live.mean[self._free]
+        stds = self._live.angle_stds[self._free]
         away = stands & (np.abs(self._kernel_state["reference"] - angles) > BAND * stds)
         for name in ("reference", "wished"):
             np.copyto(self._kernel_state[name], angles, where=away)
@@ -556,7 +565,7 @@ class LiveInverse:
         y = self._y
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            nothing = np.full(len(self.rig.drives), nan)
+            nothing = np.full(len(self._rig.drives), nan)
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
         is_new = all(map(isfinite, reading.angles))
