@@ -18,7 +18,7 @@ from distal.arrays import Floats
 from distal.errors import CommandError, LogError, did_you_mean
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
-from distal.rig import Capstan, Rig, Tendon, check_scales, independent_parts
+from distal.rig import Joint, Rig, Tendon, check_scales, independent_parts
 
 TURNED = 0.05
 """Way back after which a motor has turned back, as a share of its travel, in the log or as the
@@ -83,23 +83,21 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     if not known.any():
         raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
     rows = np.flatnonzero(known)
-    ends = [int(rows[k]) for k in _turning(positions[rows], travel_of(rig, drive))]
+    positions = positions[rows]
+    torques = torques[rows]
     sweeps = [
-        _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
-        for begin, end in itertools.pairwise(ends)
+        _sweep(positions[begin : end + 1], torques[begin : end + 1], int(rows[end]))
+        for begin, end in itertools.pairwise(_turning(positions, travel_of(rig, drive)))
     ]
-    if len(sweeps) > 1:
-        last = sweeps[-1]
-        reached = max(last.way * sweep.contact for sweep in sweeps if sweep.way == last.way)
-        if last.way * last.contact < reached - TURNED * float(
-            np.nanmax(positions) - np.nanmin(positions)
-        ):
+    if sweeps:
+        way = sweeps[-1].way
+        reached = [way * sweep.contact for sweep in sweeps if sweep.way == way]
+        if reached[-1] < max(reached) - TURNED * np.ptp(positions):
             sweeps = sweeps[:-1]  # it went to rest
     if len(sweeps) < FEWEST_SWEEPS and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
         raise LogError(
             f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a "
-            "power-on routine has at "
-            f"least {FEWEST_SWEEPS} sweeps of each (see distal.hands.Routine)"
+            f"power-on routine has at least {FEWEST_SWEEPS} of each (see distal.hands.Routine)"
         )
     return tuple(sweeps)
 
@@ -109,36 +107,21 @@ def is_pair(rig: Rig, drive: str) -> bool:
     return len(rig.tendons_of(drive)) == 2
 
 
+def crossed(rig: Rig, tendon: Tendon) -> list[tuple[Joint, float]]:
+    """Return the joints that a tendon crosses, each with its moment arm [m], in the rig's order."""
+    arms = tendon.arms()
+    return [(joint, arms[joint.name]) for joint in rig.joints if joint.name in arms]
+
+
 def needed(rig: Rig, drive: str) -> float:
     """Return the length that the joints' ranges take up of a motor's tendon [m]."""
-    arms = rig.tendons_of(drive)[0].arms()
-    return float(
-        sum(
-            abs(arms[joint.name]) * np.ptp(joint.travel)
-            for joint in rig.joints
-            if joint.name in arms
-        )
-    )
+    meets = crossed(rig, rig.tendons_of(drive)[0])
+    return float(sum(abs(arm) * np.ptp(joint.travel) for joint, arm in meets))
 
 
 def travel_of(rig: Rig, drive: str) -> float:
     """Return the turn of a motor that its joints' ranges need [rad]; of a slider, the way [m]."""
     return needed(rig, drive) / rig.drive(drive).lever
-
-
-def unsure(rig: Rig, drive: str, turned: float) -> float:
-    """Return the std, by the rig, of the length of tendon that a motor winds from end to end [m],
-    where it has `turned` so far [rad].
-    """
-    part = rig.drive(drive)
-    tendons = rig.tendons_of(drive)
-    arms = tendons[0].arms()
-    # both ends are off, each by its own error
-    stds = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
-    stds += [tendon.slack.total_std for tendon in tendons]
-    if isinstance(part, Capstan):
-        stds.append(part.radius.total_std * turned)
-    return float(np.hypot.reduce(stds))
 
 
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
@@ -153,17 +136,16 @@ def winds_to(rig: Rig, tendon: Tendon, sweeps: Sequence[Sweep]) -> tuple[float, 
     An end that was not met is anywhere beyond.
     """
     lever = rig.drive(tendon.drive).lever
-    arms = tendon.arms()
-    joints = [joint for joint in rig.joints if joint.name in arms]
-    of = [sweep for sweep in sweeps[1:] if sweep.way == tendon.winding]
-    met = [sweep.contact for sweep in of if sweep.resisted]
+    meets = crossed(rig, tendon)
+    way = tendon.winding
+    met = [sweep.contact for sweep in sweeps[1:] if sweep.way == way and sweep.resisted]
     beyond = 0.0 if met else needed(rig, tendon.drive)
-    at = np.mean(met or [sweep.contact for sweep in of]) + tendon.winding * beyond / lever
+    at = np.mean(met or contacts(sweeps, way)) + way * beyond / lever
     # some part of what moves the motor stretches the tendon before the joint moves
     level = np.median([abs(sweep.level) for sweep in sweeps])
     stretch = level / lever / tendon.stiffness.value
-    stops = [arms[joint.name] * joint.travel[arms[joint.name] > 0] for joint in joints]
-    stds = [arms[joint.name] * joint.stops_std for joint in joints]
+    stops = [arm * joint.travel[arm > 0] for joint, arm in meets]
+    stds = [arm * joint.stops_std for joint, arm in meets]
     std = np.hypot.reduce([*stds, stretch / np.sqrt(12), beyond])
     return float(at), float(sum(stops) + stretch / 2), float(std)
 
@@ -174,16 +156,14 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     Raises:
         LogError: one of them is missing in the rig.
     """
-    names = []
+    found = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive}
     for measures in ("position", "force"):
-        found = [sensor.name for sensor in rig.sensors_of(measures) if sensor.of == drive]
-        if not found:
+        if measures not in found:
             raise LogError(
                 f"'{rig.name}': motor '{drive}' has no sensor of its {measures}; a calibration "
                 "needs both"
             )
-        names.append(found[0])
-    return names[0], names[1]
+    return found["position"], found["force"]
 
 
 def _turning(positions: Floats, travel: float) -> list[int]:
@@ -209,22 +189,21 @@ def _turning(positions: Floats, travel: float) -> list[int]:
 
 def _sweep(positions: Floats, torques: Floats, end: int) -> Sweep:
     way = 1 if positions[-1] > positions[0] else -1
-    known = np.isfinite(positions) & np.isfinite(torques)
     going = way * positions
     pull = way * torques
-    low = float(np.nanmin(going))
-    high = float(np.nanmax(going))
+    low = float(going.min())
+    high = float(going.max())
     first, last = (low + share * (high - low) for share in MIDDLE)
-    free = pull[known & (going > first) & (going < last)]
+    free = pull[(going > first) & (going < last)]
     level = float(np.median(free)) if free.size else 0.0
     noise = float(1.48 * np.median(np.abs(free - level))) if free.size else 0.0
-    last_pull = float(np.nanmedian(pull[known][-3:]))
+    last_pull = float(np.median(pull[-3:]))
     resisted = last_pull > RISEN * abs(level) + 6.0 * noise
     contact = high
     if resisted:
-        rise = last_pull - level
-        late = known & (np.arange(len(pull)) > len(pull) // 2)
-        line = late & (pull > level + LOADED[0] * rise) & (pull < level + LOADED[1] * rise)
+        least, most = (level + share * (last_pull - level) for share in LOADED)
+        late = np.arange(len(pull)) > len(pull) // 2
+        line = late & (pull > least) & (pull < most)
         if np.count_nonzero(line) >= 3 and np.ptp(going[line]) > 0.0:
             slope, beginning = np.polyfit(going[line], pull[line], 1)
             if slope > 0.0:
@@ -291,13 +270,10 @@ class _Motor:
     """One motor's sweeps: where its goal is, which way it goes, and what ended the last sweep."""
 
     def __init__(self, rig: Rig, name: str, limit: float, options: RoutineOptions) -> None:
-        drive = next(part for part in rig.drives if part.name == name)
-        radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        self.name = name
         self.limit = limit
         self.options = options
         self.pair = is_pair(rig, name)
-        need = needed(rig, name) / radius
+        need = travel_of(rig, name)
         self.most = options.longest_sweep * need + options.margin
         self.loose = need + options.margin
         self.way = 1
@@ -305,7 +281,6 @@ class _Motor:
         self.over = 0.0
         self.goal = nan
         self.begin = nan
-        self.position = nan
         self.started = nan
         self.ends: dict[int, float] = {}
         self.beyond = 0.0
@@ -313,7 +288,6 @@ class _Motor:
         self.still = 0.0
         self.stood_at = nan
         self.felt = False
-        self.first = nan
 
     def step(self, time: float, dt: float, position: float, torque: float) -> None:
         """Go on by one period."""
@@ -321,24 +295,19 @@ class _Motor:
         if not isfinite(self.goal):
             self.goal = self.begin = position
             self.started = time
-        self.position = position
         if self.done >= options.sweeps:
             most = options.speed * dt
             self.goal += float(np.clip(self.rest - self.goal, -most, most))
             self.rested = self.rested or (self._stands(dt, position) and self.goal == self.rest)
             return
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
+        met = self.over >= options.held
         gone = self.way * (position - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
-        most = (
-            2 * self.most
-            if self.done == 0
-            else self.most
-            if self.pair or self.way > 0
-            else self.loose
-        )
-        if self.over >= options.held or gone > most + self.beyond:
-            met = self.over >= options.held
+        most = self.most if self.pair or self.way > 0 else self.loose
+        if self.done == 0:
+            most *= 2
+        if met or gone > most + self.beyond:
             if not met and self.beyond > 0.0:
                 # it meets no end either way and would only go on turning
                 self.done = options.sweeps
@@ -346,7 +315,7 @@ class _Motor:
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = position
             self.way = -self.way
-            self.done = self.done + 1
+            self.done += 1
             self.started = time
             self.over = 0.0
         share = options.slows - self.way * torque / self.limit
@@ -355,10 +324,13 @@ class _Motor:
         self.goal = float(np.clip(ahead, position - options.lead, position + options.lead))
 
     def blind(self, dt: float, position: float, torque: float) -> str:
-        """Return why no torque reading says how hard the motor pushes; empty where one does."""
+        """Return why no torque reading says how hard the motor pushes in a sweep; empty where one
+        does.
+        """
+        if self.done >= self.options.sweeps:
+            return ""
         self.felt = self.felt or torque != 0.0
-        self.first = self.first if isfinite(self.first) else position
-        if not self.felt and abs(position - self.first) > self.options.felt:
+        if not self.felt and abs(position - self.begin) > self.options.felt:
             return "its current reads 0 while it moves"
         if self.way * (self.goal - position) < self.options.lead - self.options.creeps:
             self.stood_at = nan
@@ -384,11 +356,9 @@ class _Motor:
         """Where the motor rests afterwards: in the middle of its travel, or where its one tendon is
         loose [rad].
         """
-        return (
-            sum(self.ends.values()) / 2
-            if self.pair and len(self.ends) == 2
-            else self.ends.get(-1, self.goal)
-        )
+        if self.pair and len(self.ends) == 2:
+            return sum(self.ends.values()) / 2
+        return self.ends.get(-1, self.goal)
 
 
 class Routine:
@@ -412,7 +382,7 @@ class Routine:
     """
 
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
-        self._options = options = RoutineOptions() if options is None else options
+        self._options = options = options or RoutineOptions()
         limits = _checked_limits(rig, options)
         self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
         self._motors = {name: _Motor(rig, name, limit, options) for name, limit in limits.items()}
@@ -467,16 +437,13 @@ class Routine:
         pushing.
         """
         self._aborted = self._aborted or why
-        self._goals |= {
-            name: position for name, position in self._positions.items() if isfinite(position)
-        }
+        self._goals |= self._positions
 
     def fail(self, motor: str, why: str) -> None:
         """End the routine of a motor, and of all that move the same joints."""
         for name in self._together[motor]:
             self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
-            if isfinite(self._positions[name]):
-                self._goals[name] = self._positions[name]
+            self._goals[name] = self._positions[name]
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
         """Take in a sample and return the goals of all motors, as their sensors read them [rad].
@@ -493,51 +460,46 @@ class Routine:
         believed = self._gate.read(time, read[:, 0], read[:, 1])
         for name, position, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
             is_read = isfinite(position) and isfinite(torque)
-            self._positions[name] = position if isfinite(position) else self._positions[name]
-            if not isfinite(self._goals[name]) and isfinite(position):
-                self._goals[name] = position
+            if isfinite(position):
+                self._positions[name] = position
+                if not isfinite(self._goals[name]):
+                    self._goals[name] = position
             self._silent[name] = 0.0 if is_read else self._silent[name] + dt
             if name in self.moving and name not in self._failed:
-                self._move(name, time, dt, position, torque)
-        if self._groups and all(self._ended(name) for name in self._groups[0]):
+                why = self._moved(name, time, dt, position, torque)
+                if why:
+                    self.fail(name, why)
+        if all(name in self._failed or self._motors[name].rested for name in self.moving):
             self._groups = self._groups[1:]
         self._sent = self.goals
         return dict(self._sent)
 
-    def _move(self, name: str, time: float, dt: float, position: float, torque: float) -> None:
+    def _moved(self, name: str, time: float, dt: float, position: float, torque: float) -> str:
+        """Move a motor by one period, and return why its routine ends; empty where it goes on."""
         motor = self._motors[name]
-        if self._silent[name] > self._options.silent:
+        options = self._options
+        if self._silent[name] > options.silent:
             why = self._gate.note or "its angle or its current is missing"
-            return self.fail(name, f"nothing to go by for {self._silent[name]:.1f} s ({why})")
+            return f"nothing to go by for {self._silent[name]:.1f} s ({why})"
         if not (isfinite(position) and isfinite(torque)):
-            return None
-        if abs(torque) > self._options.largest_torque * motor.limit:
-            why = f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
-            return self.fail(name, why)
-        if motor.done < self._options.sweeps and (why := motor.blind(dt, position, torque)):
-            return self.fail(name, why)
+            return ""
+        if abs(torque) > options.largest_torque * motor.limit:
+            return f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
+        why = motor.blind(dt, position, torque)
+        if why:
+            return why
         motor.step(time, dt, position, torque)
         self._goals[name] = motor.goal
-        if not motor.rested and time - motor.started > self._options.longest:
-            longest = self._options.longest
-            return self.fail(name, f"a sweep took longer than {longest:g} s: does it move?")
-        return None
-
-    def _ended(self, name: str) -> bool:
-        motor = self._motors[name]
-        return name in self._failed or (motor.done >= self._options.sweeps and motor.rested)
+        if not motor.rested and time - motor.started > options.longest:
+            return f"a sweep took longer than {options.longest:g} s: does it move?"
+        return ""
 
     def log(self) -> Log:
         """Return the log of what was read and sent, as `calibrate` takes it."""
-        rows = np.array(self._rows)
+        time, *columns = np.array(self._rows).T
         names = [channel for pair in self._channels.values() for channel in pair]
-        return Log(
-            rows[:, 0],
-            {name: rows[:, 1 + k] for k, name in enumerate(names)},
-            {},
-            "power-on routine",
-            goals={name: rows[:, 1 + len(names) + k] for k, name in enumerate(self._motors)},
-        )
+        goals = dict(zip(self._motors, columns[len(names) :]))
+        return Log(time, dict(zip(names, columns)), {}, "power-on routine", goals=goals)
 
 
 def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
@@ -582,21 +544,15 @@ def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, 
     tendon across it.
     """
     motors = rig.drive_names
-    if order is None:
-        return [(name,) for name in motors]
-    of_joint: dict[str, str] = {}
-    for tendon in rig.tendons:
-        for joint in tendon.joints:
-            of_joint.setdefault(joint, tendon.drive)
+    motor_of = {name: tendon.drive for tendon in reversed(rig.tendons) for name in tendon.joints}
+    motor_of |= dict(zip(motors, motors))
     groups = list[tuple[str, ...]]()
-    left = list(motors)
-    for group in order:
-        names = tuple(
-            dict.fromkeys(name if name in motors else of_joint.get(name, "") for name in group)
-        )
-        if "" in names:
-            unknown = next(name for name in group if name not in motors and name not in of_joint)
-            raise CommandError(f"order: '{unknown}' is no motor and no joint of '{rig.name}'")
+    left = set(motors)
+    for group in (*(order or ()), *([name] for name in motors)):
+        for name in group:
+            if name not in motor_of:
+                raise CommandError(f"order: '{name}' is no motor and no joint of '{rig.name}'")
+        names = dict.fromkeys(motor_of[name] for name in group)
         groups.append(tuple(name for name in names if name in left))
-        left = [name for name in left if name not in names]
-    return [group for group in (*groups, *((name,) for name in left)) if group]
+        left.difference_update(names)
+    return [group for group in groups if group]
