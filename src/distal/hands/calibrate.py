@@ -262,8 +262,8 @@ class _Line:
             # it wraps: in which turn it counts, says nothing
             turn = 2 * pi / position.gear
             turns = turn * np.round(np.mean(self.off) / turn)
-            self.met = self.met - turns
-            self.off = self.off - turns
+            self.met -= turns
+            self.off -= turns
 
     def judged(
         self, free: Floats = NONE, mean: Floats | None = None, met: Floats | None = None
@@ -276,9 +276,10 @@ class _Line:
         ratio = self.radius.total_std / self.radius.value * mean
         spread = np.diag(self.stds**2) + self.zero_std**2 + np.outer(ratio, ratio)
         spread += free @ free.T
-        far, seen = np.linalg.solve(spread, np.column_stack([off, free[:, 0]])).T
+        first = free[:, 0]
+        far, seen = np.linalg.solve(spread, np.column_stack([off, first])).T
         size = off @ far + np.linalg.slogdet(2 * pi * spread)[1]
-        return -size / 2, off @ far, free[:, 0] @ far, np.sqrt(1 - free[:, 0] @ seen)
+        return -size / 2, off @ far, first @ far, np.sqrt(1 - first @ seen)
 
     def turned(self, sign: int, zero: object) -> dict[str, object]:
         """Return the values of a motor that turns by another sign, with its zero."""

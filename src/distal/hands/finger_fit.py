@@ -15,7 +15,7 @@ from distal.fitting import Options
 from distal.fitting.free_parameters import assignments
 from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import most_likely, problem_of, search, searched
-from distal.hands.power_on_routine import Sweep, is_pair, needed, winds_to
+from distal.hands.power_on_routine import Sweep, crossed, is_pair, needed, winds_to
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor, Subsystem
 
@@ -96,15 +96,12 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
         values[f"sensors.{sensor.name}.noise"] = max(sensor.noise, noise)
     for sensor in rig.sensors_of("position"):
         values |= _by_contacts(rig, sensor, sweeps[sensor.of])
-    joints = {joint.name: joint for joint in rig.joints}
     for tendon in rig.tendons:
         way = sweeps[tendon.drive][0].way * tendon.winding
-        for name, arm in tendon.arms().items():
-            if joints[name].coupled is None:
-                values[f"joints.{name}.initial"] = {
-                    "value": joints[name].travel[1 if way * arm > 0 else 0],
-                    "std": joints[name].stops_std,
-                }
+        for joint, arm in crossed(rig, tendon):
+            if joint.coupled is None:
+                end = joint.travel[way * arm > 0]
+                values[f"joints.{joint.name}.initial"] = {"value": end, "std": joint.stops_std}
     return values
 
 
@@ -193,7 +190,7 @@ def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:
         assert joint.spring is not None
         tendon = next(tendon for tendon in prior.tendons if joint.name in tendon.joints)
         arm = tendon.arms()[joint.name]
-        stop = joint.travel[1 if arm > 0 else 0]
+        stop = joint.travel[arm > 0]
         reach = abs((stop - joint.spring.rest_angle.value) / arm)
         reaches.setdefault(tendon.name, {})[at] = reach
     return [
@@ -220,9 +217,8 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
             wider[path] = {"value": found["value"], "std": std}
     for sensor in rig.sensors_of("position"):
         drive = rig.drive(sensor.of)
-        arms = rig.tendons_of(drive.name)[0].arms()
-        stds = [arms[joint.name] * joint.stops_std for joint in rig.joints if joint.name in arms]
-        off = float(np.hypot.reduce(stds)) / drive.lever
+        meets = crossed(rig, rig.tendons_of(drive.name)[0])
+        off = np.hypot.reduce([arm * joint.stops_std for joint, arm in meets]) / drive.lever
         radius = np.sqrt(2) * off * drive.lever**2 / needed(rig, drive.name)
         widen(f"drives.{drive.name}.radius", radius)
         widen(f"sensors.{sensor.name}.bias", off / np.sqrt(2))
