@@ -77,7 +77,6 @@ class VirtualEncoders:
             joint: {t.drive for t in self.hand.rig.tendons if joint in t.joints}
             for joint in self._slots
         }
-        self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._came = threading.Event()
         self._thread: threading.Thread | None = None
@@ -130,8 +129,7 @@ class VirtualEncoders:
         if self._thread is not None:
             self._thread.join()
             self._thread = None
-        with self._lock:
-            self._frame = None
+        self._frame = None
         self._came.clear()
 
     def _run(self) -> None:
@@ -169,16 +167,14 @@ class VirtualEncoders:
                 if not (is_narrow and self._motors_of[joint].isdisjoint(self._doubted)):
                     words[slot] |= wire.AUTO_ENC_ANGLE_ERROR_BIT
         words |= wire.AUTO_ENC_PARITY_BIT * (np.array([int(w).bit_count() for w in words]) % 2)
-        frame = import_module("orca_core.hardware.sensing.types").EncoderReading(
+        self._frame = import_module("orca_core.hardware.sensing.types").EncoderReading(
             raw_counts=words.astype(np.uint16),
             parity_ok=np.ones(len(words), dtype=np.bool_),
             angle_error=(words & wire.AUTO_ENC_ANGLE_ERROR_BIT) != 0,
             error_byte=0,
             timestamp=now,
         )
-        with self._lock:
-            self._frame = frame
-            self._frames += 1
+        self._frames += 1
         self._came.set()
 
     def _valid(self) -> list[str]:
@@ -189,8 +185,7 @@ class VirtualEncoders:
 
     def get_latest(self) -> EncoderReading | None:
         """Return the latest frame; None before the first, and where the stream was stopped."""
-        with self._lock:
-            return self._frame
+        return self._frame
 
     get_latest_unfiltered = get_latest
 
@@ -264,5 +259,5 @@ class _Barring:
     def write_motor_pos(self, motor_ids: Sequence[int], positions: Sequence[float]) -> None:
         """Send goals [rad] to the motors that are not in doubt."""
         barred = self._encoders._doubted
-        sent = [pair for pair in zip(motor_ids, positions) if f"motor_{pair[0]}" not in barred]
-        self._encoders._orca.write_motor_pos([n for n, _ in sent], [goal for _, goal in sent])
+        sent = {n: at for n, at in zip(motor_ids, positions) if f"motor_{n}" not in barred}
+        self._encoders._orca.write_motor_pos(list(sent), list(sent.values()))

@@ -176,14 +176,12 @@ class BatchEstimator:
         kernel_state, x, y = self._arrays
         width = len(one.channels)
         row = self._xp.moveaxis(x, 1, 0)  # a view: (n_x, groups, lanes)
-        lanes = row[0].size
-        sample = self._xp.zeros((width, lanes))
-        sample[:, : self._n] = values.T
-        is_finite = self._xp.zeros((width, lanes), dtype=bool)
-        is_finite[:, : self._n] = self._xp.isfinite(values).T
-        sample = self._xp.where(is_finite, sample, 0.0).reshape(row[1 : 1 + width].shape)
-        is_finite = is_finite.reshape(sample.shape)
-        first = self._xp.asarray(np.append(begins, np.zeros(lanes - self._n, dtype=bool)))
+        padded = self._xp.full((row[0].size, width), np.nan)
+        padded[: self._n] = values
+        sample = padded.T.reshape(row[1 : 1 + width].shape)
+        is_finite = self._xp.isfinite(sample)
+        sample = self._xp.where(is_finite, sample, 0.0)
+        first = self._xp.asarray(np.pad(begins, (0, row[0].size - self._n)))
         row[0] = self._xp.where(first, 0.0, dt / parts).reshape(row[0].shape)
         for rows_after in range(parts - 1, -1, -1):
             fill(row[1 : 1 + width], row[1 + width :], sample, is_finite, rows_after, one.bridged)

@@ -267,7 +267,9 @@ class RoutineOptions:
 
 
 class _Motor:
-    """One motor's sweeps: where its goal is, which way it goes, and what ended the last sweep."""
+    """One motor's sweeps: where it is and its goal is, which way it goes, and what ended the last
+    sweep.
+    """
 
     def __init__(self, rig: Rig, name: str, limit: float, options: RoutineOptions) -> None:
         self.limit = limit
@@ -279,6 +281,8 @@ class _Motor:
         self.way = 1
         self.done = 0
         self.over = 0.0
+        self.silent = 0.0
+        self.position = nan
         self.goal = nan
         self.begin = nan
         self.started = nan
@@ -289,10 +293,27 @@ class _Motor:
         self.stood_at = nan
         self.felt = False
 
-    def step(self, time: float, dt: float, position: float, torque: float) -> None:
-        """Go on by one period."""
+    def moved(self, time: float, dt: float, position: float, torque: float, note: str) -> str:
+        """Go on by one period, and return why the motor's routine ends; empty where it goes on."""
         options = self.options
-        if not isfinite(self.goal):
+        if self.silent > options.silent:
+            note = note or "its angle or its current is missing"
+            return f"nothing to go by for {self.silent:.1f} s ({note})"
+        if not (isfinite(position) and isfinite(torque)):
+            return ""
+        if abs(torque) > options.largest_torque * self.limit:
+            return f"a torque of {abs(torque):.2f} N m; its limit is {self.limit:.2f}"
+        why = self._blind(dt, position, torque)
+        if why:
+            return why
+        self._step(time, dt, position, torque)
+        if not self.rested and time - self.started > options.longest:
+            return f"a sweep took longer than {options.longest:g} s: does it move?"
+        return ""
+
+    def _step(self, time: float, dt: float, position: float, torque: float) -> None:
+        options = self.options
+        if not isfinite(self.begin):
             self.goal = self.begin = position
             self.started = time
         if self.done >= options.sweeps:
@@ -323,7 +344,7 @@ class _Motor:
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, position - options.lead, position + options.lead))
 
-    def blind(self, dt: float, position: float, torque: float) -> str:
+    def _blind(self, dt: float, position: float, torque: float) -> str:
         """Return why no torque reading says how hard the motor pushes in a sweep; empty where one
         does.
         """
@@ -382,7 +403,7 @@ class Routine:
     """
 
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
-        self._options = options = options or RoutineOptions()
+        options = options or RoutineOptions()
         limits = _checked_limits(rig, options)
         self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
         self._motors = {name: _Motor(rig, name, limit, options) for name, limit in limits.items()}
@@ -393,12 +414,9 @@ class Routine:
         self._together = {name: names for names in parts for name in names}
         self._time = nan
         self._aborted = ""
-        self._silent = dict.fromkeys(self._motors, 0.0)
         self._failed = dict[str, str]()
         self._sent = dict.fromkeys(self._motors, nan)
         self._rows = list[list[float]]()
-        self._goals = dict.fromkeys(self._motors, nan)
-        self._positions = dict.fromkeys(self._motors, nan)
 
     @property
     def done(self) -> bool:
@@ -425,8 +443,8 @@ class Routine:
         """Goals of all motors as they pass the gate, as their sensors read them [rad]; NaN for a
         motor that gets none.
         """
-        sent = self._gate.passed(self._time, np.array(list(self._goals.values())))
-        return dict(zip(self._goals, sent.tolist()))
+        goals = np.array([motor.goal for motor in self._motors.values()])
+        return dict(zip(self._motors, self._gate.passed(self._time, goals).tolist()))
 
     def confirm(self, arrived: bool) -> None:
         """Take in whether the last goals were sent."""
@@ -437,13 +455,14 @@ class Routine:
         pushing.
         """
         self._aborted = self._aborted or why
-        self._goals |= self._positions
+        for motor in self._motors.values():
+            motor.goal = motor.position
 
     def fail(self, motor: str, why: str) -> None:
         """End the routine of a motor, and of all that move the same joints."""
         for name in self._together[motor]:
             self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
-            self._goals[name] = self._positions[name]
+            self._motors[name].goal = self._motors[name].position
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
         """Take in a sample and return the goals of all motors, as their sensors read them [rad].
@@ -458,41 +477,23 @@ class Routine:
         read = np.array([[sample.get(channel, nan) for channel in pair] for pair in pairs])
         self._rows.append([time, *read.ravel().tolist(), *self._sent.values()])
         believed = self._gate.read(time, read[:, 0], read[:, 1])
-        for name, position, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
+        for (name, motor), position, torque in zip(
+            self._motors.items(), believed.tolist(), read[:, 1].tolist()
+        ):
             is_read = isfinite(position) and isfinite(torque)
+            motor.silent = 0.0 if is_read else motor.silent + dt
             if isfinite(position):
-                self._positions[name] = position
-                if not isfinite(self._goals[name]):
-                    self._goals[name] = position
-            self._silent[name] = 0.0 if is_read else self._silent[name] + dt
+                motor.position = position
+                if not isfinite(motor.goal):
+                    motor.goal = position
             if name in self.moving and name not in self._failed:
-                why = self._moved(name, time, dt, position, torque)
+                why = motor.moved(time, dt, position, torque, self._gate.note)
                 if why:
                     self.fail(name, why)
         if all(name in self._failed or self._motors[name].rested for name in self.moving):
             self._groups = self._groups[1:]
         self._sent = self.goals
         return dict(self._sent)
-
-    def _moved(self, name: str, time: float, dt: float, position: float, torque: float) -> str:
-        """Move a motor by one period, and return why its routine ends; empty where it goes on."""
-        motor = self._motors[name]
-        options = self._options
-        if self._silent[name] > options.silent:
-            why = self._gate.note or "its angle or its current is missing"
-            return f"nothing to go by for {self._silent[name]:.1f} s ({why})"
-        if not (isfinite(position) and isfinite(torque)):
-            return ""
-        if abs(torque) > options.largest_torque * motor.limit:
-            return f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
-        why = motor.blind(dt, position, torque)
-        if why:
-            return why
-        motor.step(time, dt, position, torque)
-        self._goals[name] = motor.goal
-        if not motor.rested and time - motor.started > options.longest:
-            return f"a sweep took longer than {options.longest:g} s: does it move?"
-        return ""
 
     def log(self) -> Log:
         """Return the log of what was read and sent, as `calibrate` takes it."""
