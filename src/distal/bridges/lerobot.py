@@ -189,7 +189,7 @@ def _describe(
     unit: str,
 ) -> None:
     """Write the new features and their statistics where the dataset has those of its state."""
-    joints = list(rig.joint_names)
+    joints = rig.joint_names
     for name, dtype, names in (
         (ANGLE, "float32", joints),
         (STD, "float32", joints),
@@ -243,7 +243,7 @@ def _statistics(values: Floats, every: Floats, like: Iterable[str]) -> dict[str,
     """Return the statistics of values, (k, n), that a feature of the dataset has too; NaN is left
     out. Where no value is left, they are those of `every` row, with a count of 0.
     """
-    rows, others = (of[np.isfinite(of).all(axis=1)].astype(np.float64) for of in (values, every))
+    rows, others = (of[np.isfinite(of).all(axis=1)] for of in (values, every))
     counted = rows if len(rows) else others
 
     def one(what: str) -> list[float]:

@@ -49,6 +49,9 @@ class VirtualEncoders:
         widest: half of a band, above which an angle is not valid [deg].
         period: between readings [s].
 
+    Attributes:
+        is_connected: whether `connect` was called, and `disconnect` was not.
+
     Raises:
         EstimationError: the hand is of another kind, or none of its joints is one of the rig.
         RigError: the rig is unknown or wrong.
@@ -82,16 +85,11 @@ class VirtualEncoders:
         self._thread: threading.Thread | None = None
         self._frame: EncoderReading | None = None
         self._frames = 0
-        self._connected = False
+        self.is_connected = False
         self._read_at = -inf
         self._restarted = set[str]()
         self._zeros = dict[str, float]()
         self._doubted = frozenset[str]()
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether `connect` was called, and `disconnect` was not."""
-        return self._connected
 
     def connect(self) -> None:
         """Give the hand the calibration of these encoders."""
@@ -99,12 +97,12 @@ class VirtualEncoders:
         anchors = dict.fromkeys(self._slots, anchor)
         was = self._orca.calibration
         self._orca.calibration = replace(was, joint_encoder_calibration_dict=anchors)
-        self._connected = True
+        self.is_connected = True
 
     def disconnect(self) -> None:
         """End the stream."""
         self.stop_stream()
-        self._connected = False
+        self.is_connected = False
 
     def start_stream(self, timeout: float = 5.0) -> None:
         """Begin to read the motors, and wait for the first frame.
@@ -113,7 +111,7 @@ class VirtualEncoders:
             OSError: `connect` was not called.
             EstimationError: no frame came within the `timeout` [s].
         """
-        if not self._connected:
+        if not self.is_connected:
             raise OSError("call connect() first")
         if self._thread is None or not self._thread.is_alive():
             self._stopping.clear()

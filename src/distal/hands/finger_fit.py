@@ -160,19 +160,18 @@ def _likeliest(problem: Problem, prior: Rig) -> Floats:
             best = search(problem, best, fixed=fixed).z
         return best
     best = most_likely(problem, best)[1].z
-    likelier = True
-    while likelier:
+    while True:
         ends = [best]
         for one, other, ratio in exchanges:
             z = best.copy()
-            values = [problem.parts[at][0].value(best[at]) for at in (one, other)]
-            z[one] = problem.parts[one][0].coordinate(ratio * values[1])
-            z[other] = problem.parts[other][0].coordinate(values[0] / ratio)
+            first, second = problem.parts[one][0], problem.parts[other][0]
+            z[one] = first.coordinate(ratio * second.value(best[other]))
+            z[other] = second.coordinate(first.value(best[one]) / ratio)
             ends.append(most_likely(problem, z)[1].z)
-        at = int(np.nanargmin(problem.costs(ends)))
-        likelier = at > 0
-        best = ends[at]
-    return best
+        likeliest = int(np.nanargmin(problem.costs(ends)))
+        if likeliest == 0:
+            return best
+        best = ends[likeliest]
 
 
 def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:

@@ -7,11 +7,11 @@ its own SDK.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import degrees, inf, isfinite, isnan, nan, radians
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -48,13 +48,6 @@ class Motors(Protocol):
         """Send goals: motor → angle, in the unit in which its position is read."""
 
 
-class Numbered(Protocol):
-    """Part of an ORCA hand's configuration that is used here."""
-
-    motor_ids: Sequence[int]
-    max_current: float
-
-
 @runtime_checkable
 class TorqueLimited(Protocol):
     """Interface of motors whose servos can limit their own torques; `Motors` may have it too."""
@@ -63,34 +56,24 @@ class TorqueLimited(Protocol):
         """Limit the torques of these motors [N m], and of all others to their usual limits."""
 
 
-@runtime_checkable
-class OrcaLike(Protocol):
-    """Part of `orca_core.OrcaHand` (0.4 on) that is used here: motors by number, radians,
-    milliamperes.
-    """
-
-    config: Numbered
-
-    def get_motor_pos(self) -> Iterable[float]:
-        """Return positions [rad], in the order of `config.motor_ids`."""
-
-    def get_motor_current(self) -> Iterable[float]:
-        """Return currents [mA], in that order."""
-
-    def get_motor_temp(self) -> Iterable[float]:
-        """Return temperatures [°C], in that order."""
-
-    def write_motor_pos(self, motor_ids: list[int], positions: list[float]) -> None:
-        """Send angles [rad], the `positions` of these motors."""
-
-    def set_max_current(self, current: list[float]) -> None:
-        """Limit the motors' currents [mA]."""
+ORCA = (
+    "config",
+    "get_motor_pos",
+    "get_motor_current",
+    "get_motor_temp",
+    "write_motor_pos",
+    "set_max_current",
+)
+"""What `orca_core.OrcaHand` has since 0.4.0 and is used here: `config` with `motor_ids` and
+`max_current` [mA]; positions [rad], currents [mA] and temperatures [°C] in the order of these ids;
+and what sends angles [rad] to some of them, and limits the currents of all [mA].
+"""
 
 
 class OrcaMotors:
-    """The motors of an ORCA hand, as columns of a rig made by `from_orca`."""
+    """The motors of a hand that has all of `ORCA`, as columns of a rig made by `from_orca`."""
 
-    def __init__(self, hand: OrcaLike, rig: Rig) -> None:
+    def __init__(self, hand: Any, rig: Rig) -> None:
         self._hand = hand
         self._ids = [int(number) for number in hand.config.motor_ids]
         self._names = [f"motor_{number}" for number in self._ids]
@@ -148,11 +131,10 @@ def motors_of(hand: object, rig: Rig) -> Motors:
     """
     if isinstance(hand, Motors):
         return hand
-    if isinstance(hand, OrcaLike):
+    lacks = [name for name in ORCA if not hasattr(hand, name)]
+    if not lacks:
         return OrcaMotors(hand, rig)
     if hasattr(getattr(hand, "config", None), "motor_ids"):
-        methods = [name for name in vars(OrcaLike) if not name.startswith("_")]
-        lacks = [name for name in methods if not hasattr(hand, name)]
         raise EstimationError(
             f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core 0.4.0 or newer"
         )

@@ -398,6 +398,10 @@ class Routine:
     on rests where it is, with those that move the same joints, and the others go on; `abort` leaves
     all motors where they are.
 
+    Attributes:
+        aborted: why the routine was aborted; empty if it was not.
+        failed: motor whose routine ended too early → why.
+
     Raises:
         CommandError: the order or a limit names no motor or joint, or a number is out of its range.
     """
@@ -413,25 +417,15 @@ class Routine:
         # those that share a joint, a tendon or an error
         self._together = {name: names for names in parts for name in names}
         self._time = nan
-        self._aborted = ""
-        self._failed = dict[str, str]()
+        self.aborted = ""
+        self.failed = dict[str, str]()
         self._sent = dict.fromkeys(self._motors, nan)
         self._rows = list[list[float]]()
 
     @property
     def done(self) -> bool:
         """Whether the routine is at its end, or was aborted."""
-        return bool(self._aborted) or not self._groups
-
-    @property
-    def aborted(self) -> str:
-        """Why the routine was aborted; empty if it was not."""
-        return self._aborted
-
-    @property
-    def failed(self) -> dict[str, str]:
-        """Motor whose routine ended too early → why."""
-        return dict(self._failed)
+        return bool(self.aborted) or not self._groups
 
     @property
     def moving(self) -> tuple[str, ...]:
@@ -454,14 +448,14 @@ class Routine:
         """End the routine: the goals become the positions of the motors, so that none goes on
         pushing.
         """
-        self._aborted = self._aborted or why
+        self.aborted = self.aborted or why
         for motor in self._motors.values():
             motor.goal = motor.position
 
     def fail(self, motor: str, why: str) -> None:
         """End the routine of a motor, and of all that move the same joints."""
         for name in self._together[motor]:
-            self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
+            self.failed.setdefault(name, why if name == motor else f"{motor}: {why}")
             self._motors[name].goal = self._motors[name].position
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
@@ -486,11 +480,11 @@ class Routine:
                 motor.position = position
                 if not isfinite(motor.goal):
                     motor.goal = position
-            if name in self.moving and name not in self._failed:
+            if name in self.moving and name not in self.failed:
                 why = motor.moved(time, dt, position, torque, self._gate.note)
                 if why:
                     self.fail(name, why)
-        if all(name in self._failed or self._motors[name].rested for name in self.moving):
+        if all(name in self.failed or self._motors[name].rested for name in self.moving):
             self._groups = self._groups[1:]
         self._sent = self.goals
         return dict(self._sent)

@@ -131,17 +131,15 @@ def at_known_angle(
         )
     rate = log.rate if len(log) > 1 else 100.0
     described, _ = _with_sensor(rig, "home", which, rate, Parameter(value=0.0, std=std), 0)
-    columns = dict(zip(joints, angle_names(joints)))
+    columns = angle_names(joints)
     early = log.time - log.time[0] < homing
     homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
     if not homed_before:
         # during homing, true angles of all other joints are not used
-        truth |= {
-            name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth
-        }
-    column = columns[which]
-    truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
+        truth |= {name: np.where(early, np.nan, truth[name]) for name in columns if name in truth}
+    column = columns[joints.index(which)]
+    truth[column] = np.where(early, angle, truth.get(column, np.nan))
     at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
     at = at if len(joints) == 1 else f"{which} {at}"
     position = f"{log.truth_source.position}, {at}" if homed_before else at
