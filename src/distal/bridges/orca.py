@@ -126,7 +126,6 @@ class VirtualEncoders:
         self._stopping.set()
         if self._thread is not None:
             self._thread.join()
-            self._thread = None
         self._frame = None
         self._came.clear()
 
@@ -223,7 +222,7 @@ class VirtualEncoders:
 
             def step(self, target_deg: Any, measured_deg: Any, dt: float) -> Any:
                 latest = encoders._frame
-                held = np.zeros(len(slots), bool) if latest is None else latest.angle_error[slots]
+                held = latest is not None and latest.angle_error[slots]
                 was = self.get_state()
                 new = super().step(target_deg, measured_deg, dt)
                 with self._lock:

@@ -84,9 +84,8 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     """Return the fault of a motor's tendons that its sweeps show, or none: the most certain where
     there are several.
     """
-    motor = rig.drive(drive)
     tendons = rig.tendons_of(drive)
-    ratio = tendons[0].total_arm / motor.lever
+    ratio = tendons[0].total_arm / rig.drive(drive).lever
     pair = is_pair(rig, drive)
 
     def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
@@ -238,10 +237,8 @@ class _Line:
         self.name = name
         self.radius = drive.radius
         self.sensors = [sensor for sensor in rig.sensors if sensor.of == name]
-        position = next(sensor for sensor in self.sensors if sensor.measures == "position")
+        self.position = position = next(s for s in self.sensors if s.measures == "position")
         self.zero = position.bias
-        self.sign = position.sign
-        self.bias = f"sensors.{position.name}.bias"
         self.tendons = rig.tendons_of(name)
         self.joint = crossed(rig, self.tendons[0])[0][0]
         rows = []
@@ -284,7 +281,7 @@ class _Line:
     def turned(self, sign: int, zero: object) -> dict[str, object]:
         """Return the values of a motor that turns by another sign, with its zero."""
         signs = {f"sensors.{of.name}.sign": sign * of.sign for of in self.sensors}
-        return signs | {self.bias: zero}
+        return signs | {f"sensors.{self.position.name}.bias": zero}
 
     def causes(self) -> Iterator[Cause]:
         """Yield what would explain the ends."""
@@ -306,8 +303,8 @@ class _Line:
         values = {f"drives.{self.name}.radius": {"value": radius, "std": radius * std / (1 + x)}}
         yield size, f"its radius is {1e3 * radius:.3g} mm, or its gear {1 + x:.3g} : 1", values
         size = self.judged(mean=-self.ends[::-1])[0]
-        words = "it turns the other way, or its range has the wrong sign: look"
-        yield size, words, self.turned(-1, -self.zero.value)
+        values = self.turned(-1, -self.zero.value)
+        yield size, "it turns the other way, or its range has the wrong sign: look", values
         if np.ptp(self.met) > np.ptp(self.ends):
             stds = (KNOWN, np.ptp(joint.travel))
             yield max(self.judged(std * diagonal)[0] for std in stds), SLACK, {}
@@ -317,7 +314,7 @@ class _Line:
         size = -other.judged()[0]
         values = dict[str, object]()
         for a, b in ((self, other), (other, self)):
-            same = a.sign * b.sign
+            same = a.position.sign * b.position.sign
             size += b.judged(met=same * a.met[::same])[0]
             zero, radius = (of.model_dump(exclude_defaults=True) for of in (b.zero, b.radius))
             values |= a.turned(same, zero) | {f"drives.{a.name}.radius": radius}

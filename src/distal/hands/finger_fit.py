@@ -128,16 +128,16 @@ def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str,
     for _ in range(ITERATIONS):
         away = ways * (lengths + x[2:]) / x[1]
         slopes = np.column_stack([np.ones(len(ways)), -away / x[1], np.diag(ways / x[1])])
-        crossed = slopes @ covariance
-        seen = crossed @ slopes.T + np.diag(np.square(unsure) / x[1] ** 2)
-        gain = np.linalg.solve(seen, crossed).T
+        cross = slopes @ covariance
+        seen = cross @ slopes.T + np.diag(np.square(unsure) / x[1] ** 2)
+        gain = np.linalg.solve(seen, cross).T
         x = prior + gain @ (met - x[0] - away - slopes @ (prior - x))
     names = [f"sensors.{sensor.name}.bias", f"drives.{drive.name}.radius"]
     values = dict[str, object]()
     for tendon in tendons if len(tendons) == 2 else ():
         names.append(f"tendons.{tendon.name}.slack")
         values[f"tendons.{tendon.name}.pretension"] = {"value": 0.0, "std": 0.0}
-    for name, value, variance in zip(names, x, np.diag(covariance - gain @ crossed)):
+    for name, value, variance in zip(names, x, np.diag(covariance - gain @ cross)):
         values[name] = {"value": float(value), "std": float(np.sqrt(variance))}
     return values
 

@@ -34,6 +34,9 @@ from distal.run.live_estimator import HOTTEST
 class Motors(Protocol):
     """Interface of the motors to a `Hand`: for a hand of another kind, write an object with these
     three methods.
+
+    Where it also has `limit_torques(limits)`, motor → torque [N m], that limits the torques of
+    these motors, and of all others to their usual limits.
     """
 
     def read(self) -> Mapping[str, float]:
@@ -46,14 +49,6 @@ class Motors(Protocol):
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send goals: motor → angle, in the unit in which its position is read."""
-
-
-@runtime_checkable
-class TorqueLimited(Protocol):
-    """Interface of motors whose servos can limit their own torques; `Motors` may have it too."""
-
-    def limit_torques(self, limits: Mapping[str, float]) -> None:
-        """Limit the torques of these motors [N m], and of all others to their usual limits."""
 
 
 ORCA = (
@@ -139,9 +134,8 @@ def motors_of(hand: object, rig: Rig) -> Motors:
             f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core 0.4.0 or newer"
         )
     raise EstimationError(
-        f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, "
-        "or an object with read, temperatures and write (distal.hands.Motors), as "
-        "examples/hands/aero_motors.py has for an AeroHand"
+        f"{type(hand).__name__} is no hand that distal knows: give an OrcaHand of orca_core, or an "
+        "object with the methods of distal.hands.Motors, as in examples/hands/aero_motors.py"
     )
 
 
@@ -174,7 +168,7 @@ class HandHealth:
         held_back: goals that are not sent, and why; may be empty.
     """
 
-    word: str
+    word: Health
     detail: str
     silent: tuple[str, ...]
     hot: Mapping[str, float]
@@ -184,10 +178,9 @@ class HandHealth:
     @property
     def sentence(self) -> str:
         """The whole state of the hand in a line."""
-        meaning = HEALTH.get(self.word, "")  # type: ignore[call-overload]
         hot = ", ".join(f"{name} {value:.0f} °C" for name, value in self.hot.items())
         parts = (
-            f"{self.word}: {self.detail or meaning}",
+            f"{self.word}: {self.detail or HEALTH[self.word]}",
             self.silent and f"no answer from {', '.join(self.silent)}",
             hot and f"hot: {hot}",
             self.held_back,
@@ -365,9 +358,8 @@ class Hand:
 
     def health(self) -> HandHealth:
         """Return the state of the hand at the last `update`."""
-        last = self._reading
-        silent = self._silent
-        return HandHealth(last.health, last.detail, silent, self._hot, self._lost, self._held_back)
+        word, detail = self._reading.health, self._reading.detail
+        return HandHealth(word, detail, self._silent, self._hot, self._lost, self._held_back)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
         """Set desired angles: each `update` then sends goals that bring the joints there, with
@@ -469,7 +461,7 @@ class Hand:
             for name, torque in holding.items()
             if isfinite(torque)
         }
-        if limits == self._limits or not isinstance(self._motors, TorqueLimited):
+        if limits == self._limits or not hasattr(self._motors, "limit_torques"):
             return
         try:
             self._motors.limit_torques(limits)

@@ -530,8 +530,9 @@ def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
             or not least <= value <= most
         ):
             raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
-    usual = {name: options.of_pair if is_pair(rig, name) else options.of_single for name in motors}
-    return usual | limits
+    return {
+        name: options.of_pair if is_pair(rig, name) else options.of_single for name in motors
+    } | limits
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:

@@ -51,12 +51,11 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
             f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the "
             "column of the rig's angle sensor"
         )
-    rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
     names = []
     for joint in known_joints:
         sensor = sensor_for(rig.sensors_of("angle"), joint)
         if sensor is None or not log.truth_kind.by_sensor:
-            rig, sensor = added_reference(rig, rate, joint)
+            rig, sensor = added_reference(rig, log.rate, joint)
         elif sensor.noise == 0.0 and sensor.resolution == 0.0:
             rig = rig.with_values({f"sensors.{sensor.name}.noise": TRUTH_NOISE})
         names.append(sensor.name)
@@ -78,7 +77,7 @@ def _with_sensor(
     rig: Rig, stem: str, joint: str, rate: float, bias: Parameter, at: int
 ) -> tuple[Rig, Sensor]:
     """Return the rig with one more sensor of a joint's angle, its sensor number `at`, with a name
-    that no other one has; and that sensor.
+    that no other one has; and that sensor. A rate of NaN is taken as 100 Hz.
     """
     stem = stem if len(rig.joints) == 1 else f"{stem}_{joint}"
     names = (stem, f"{stem}_angle", f"{stem}_angle_2")
@@ -87,7 +86,7 @@ def _with_sensor(
         "measures": "angle",
         "of": joint,
         "noise": TRUTH_NOISE,
-        "rate": float(np.clip(rate, 1e-3, 1e6)),
+        "rate": float(np.clip(np.nan_to_num(rate, nan=100.0), 1e-3, 1e6)),
         "bias": bias.model_dump(),
     }
     sensors = rig.model_dump()["sensors"]
@@ -129,8 +128,8 @@ def at_known_angle(
         raise EstimationError(
             f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came"
         )
-    rate = log.rate if len(log) > 1 else 100.0
-    described, _ = _with_sensor(rig, "home", which, rate, Parameter(value=0.0, std=std), 0)
+    bias = Parameter(value=0.0, std=std)
+    described, _ = _with_sensor(rig, "home", which, log.rate, bias, 0)
     columns = angle_names(joints)
     early = log.time - log.time[0] < homing
     homed_before = log.truth_kind is TruthKind.HOME
@@ -163,7 +162,7 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
         raise EstimationError(
             f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came"
         )
-    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    rate = max((sensor.rate for sensor in rig.sensors), default=np.nan)
     is_mapped = rig.map is not None and bool(rig.map.filter)
     bias = Parameter(value=0.0, std=0.0 if is_mapped else float(std))
     for joint in reversed(rig.joints):
