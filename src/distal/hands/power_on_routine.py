@@ -7,9 +7,9 @@ its torque and on time.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite, nan
 
 import numpy as np
@@ -87,7 +87,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     torques = torques[rows]
     sweeps = [
         _sweep(positions[begin : end + 1], torques[begin : end + 1], int(rows[end]))
-        for begin, end in itertools.pairwise(_turning(positions, travel_of(rig, drive)))
+        for begin, end in pairwise(_turning(positions, travel_of(rig, drive)))
     ]
     if sweeps:
         way = sweeps[-1].way
@@ -409,7 +409,7 @@ class Routine:
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
         options = options or RoutineOptions()
         limits = _checked_limits(rig, options)
-        self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
+        self._names = [name for drive in rig.drive_names for name in sweep_channels_of(rig, drive)]
         self._motors = {name: _Motor(rig, name, limit, options) for name, limit in limits.items()}
         self._groups = _groups(rig, options.order)
         self._gate = GoalGate(rig, calibrated=False)
@@ -465,15 +465,13 @@ class Routine:
             time: of the sample [s].
             sample: channel → value, SI; NaN or left out where missing.
         """
-        dt = float(np.clip(time - self._time, 0.0, 0.1)) if isfinite(self._time) else 0.0
+        dt = float(np.nan_to_num(np.clip(time - self._time, 0.0, 0.1)))
         self._time = time
-        pairs = self._channels.values()
-        read = np.array([[sample.get(channel, nan) for channel in pair] for pair in pairs])
-        self._rows.append([time, *read.ravel().tolist(), *self._sent.values()])
-        believed = self._gate.read(time, read[:, 0], read[:, 1])
-        for (name, motor), position, torque in zip(
-            self._motors.items(), believed.tolist(), read[:, 1].tolist()
-        ):
+        read = np.array([sample.get(name, nan) for name in self._names])
+        self._rows.append([time, *read, *self._sent.values()])
+        torques = read[1::2]
+        believed = self._gate.read(time, read[::2], torques)
+        for (name, motor), position, torque in zip(self._motors.items(), believed, torques):
             is_read = isfinite(position) and isfinite(torque)
             motor.silent = 0.0 if is_read else motor.silent + dt
             if isfinite(position):
@@ -492,9 +490,8 @@ class Routine:
     def log(self) -> Log:
         """Return the log of what was read and sent, as `calibrate` takes it."""
         time, *columns = np.array(self._rows).T
-        names = [channel for pair in self._channels.values() for channel in pair]
-        goals = dict(zip(self._motors, columns[len(names) :]))
-        return Log(time, dict(zip(names, columns)), {}, "power-on routine", goals=goals)
+        goals = dict(zip(self._motors, columns[len(self._names) :]))
+        return Log(time, dict(zip(self._names, columns)), {}, "power-on routine", goals=goals)
 
 
 def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
