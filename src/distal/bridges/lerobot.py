@@ -161,8 +161,8 @@ def _extended(
         values[number] = {}
         for name, of in new.items():
             missing = word_code("bad") if name == WORD else np.nan
-            values[number][name] = found = np.where(is_there[:, None], of[at], missing)
-            columns.setdefault(name, np.zeros((len(stamps), of.shape[1])))[rows] = found
+            values[number][name] = filled = np.where(is_there[:, None], of[at], missing)
+            columns.setdefault(name, np.zeros((len(stamps), of.shape[1])))[rows] = filled
     metadata = dict(table.schema.metadata or {})
     described = json.loads(metadata.get(b"huggingface", b"{}"))
     for name, of in columns.items():
@@ -243,8 +243,8 @@ def _statistics(values: Floats, every: Floats, like: Iterable[str]) -> dict[str,
     """Return the statistics of values, (k, n), that a feature of the dataset has too; NaN is left
     out. Where no value is left, they are those of `every` row, with a count of 0.
     """
-    rows, others = (of[np.isfinite(of).all(axis=1)] for of in (values, every))
-    counted = rows if len(rows) else others
+    rows = values[np.isfinite(values).all(axis=1)]
+    counted = rows if len(rows) else every[np.isfinite(every).all(axis=1)]
 
     def one(what: str) -> list[float]:
         if what == "count":

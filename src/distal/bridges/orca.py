@@ -89,7 +89,7 @@ class VirtualEncoders:
         self._read_at = -inf
         self._restarted = set[str]()
         self._zeros = dict[str, float]()
-        self._doubted = frozenset[str]()
+        self._doubted = set[str]()
 
     def connect(self) -> None:
         """Give the hand the calibration of these encoders."""
@@ -144,9 +144,9 @@ class VirtualEncoders:
         if len(health.silent) < len(self.hand.rig.drives):
             self._read_at = now
         zeros = self.hand.zeros
-        self._restarted |= {m for m, was in self._zeros.items() if abs(zeros[m] - was) > 1.0}
-        self._restarted |= set(self.hand.restarted)
-        self._doubted = frozenset((*health.silent, *reading.doubted, *self._restarted))
+        turned = (name for name, was in self._zeros.items() if abs(zeros[name] - was) > 1.0)
+        self._restarted.update(self.hand.restarted, turned)
+        self._doubted = self._restarted.union(health.silent, reading.doubted)
         if now - self._read_at > BRIDGED or not any(map(isfinite, reading.angles)):
             return
         wire = self._wire
@@ -157,8 +157,8 @@ class VirtualEncoders:
         ranges = self._orca.effective_joint_roms_dict
         for joint, slot in self._slots.items():
             if isfinite(angles[joint]):
-                turned = signs[joint] * (angles[joint] - ranges[joint][1]) / 360.0
-                count = ANCHOR + round(turned * wire.ENCODER_COUNTS_PER_REV)
+                turns = signs[joint] * (angles[joint] - ranges[joint][1]) / 360.0
+                count = ANCHOR + round(turns * wire.ENCODER_COUNTS_PER_REV)
                 words[slot] = count % wire.ENCODER_COUNTS_PER_REV
                 is_narrow = BAND * stds[joint] <= self._widest
                 if not (is_narrow and self._motors_of[joint].isdisjoint(self._doubted)):

@@ -164,7 +164,8 @@ def _likeliest(problem: Problem, prior: Rig) -> Floats:
         ends = [best]
         for one, other, ratio in exchanges:
             z = best.copy()
-            first, second = problem.parts[one][0], problem.parts[other][0]
+            first = problem.parts[one][0]
+            second = problem.parts[other][0]
             z[one] = first.coordinate(ratio * second.value(best[other]))
             z[other] = second.coordinate(first.value(best[one]) / ratio)
             ends.append(most_likely(problem, z)[1].z)

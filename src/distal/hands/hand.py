@@ -7,11 +7,11 @@ its own SDK.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import degrees, inf, isfinite, isnan, nan, radians
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -51,24 +51,41 @@ class Motors(Protocol):
         """Send goals: motor → angle, in the unit in which its position is read."""
 
 
-ORCA = (
-    "config",
-    "get_motor_pos",
-    "get_motor_current",
-    "get_motor_temp",
-    "write_motor_pos",
-    "set_max_current",
-)
-"""What `orca_core.OrcaHand` has since 0.4.0 and is used here: `config` with `motor_ids` and
-`max_current` [mA]; positions [rad], currents [mA] and temperatures [°C] in the order of these ids;
-and what sends angles [rad] to some of them, and limits the currents of all [mA].
-"""
+class Numbered(Protocol):
+    """Part of an ORCA hand's configuration that is used here."""
+
+    motor_ids: Sequence[int]
+    max_current: float
+
+
+@runtime_checkable
+class OrcaLike(Protocol):
+    """Part of `orca_core.OrcaHand` (0.4 on) that is used here: motors by number, radians,
+    milliamperes.
+    """
+
+    config: Numbered
+
+    def get_motor_pos(self) -> Iterable[float]:
+        """Return positions [rad], in the order of `config.motor_ids`."""
+
+    def get_motor_current(self) -> Iterable[float]:
+        """Return currents [mA], in that order."""
+
+    def get_motor_temp(self) -> Iterable[float]:
+        """Return temperatures [°C], in that order."""
+
+    def write_motor_pos(self, motor_ids: list[int], positions: list[float]) -> None:
+        """Send angles [rad], the `positions` of these motors."""
+
+    def set_max_current(self, current: list[float]) -> None:
+        """Limit the motors' currents [mA]."""
 
 
 class OrcaMotors:
-    """The motors of a hand that has all of `ORCA`, as columns of a rig made by `from_orca`."""
+    """The motors of an ORCA hand, as columns of a rig made by `from_orca`."""
 
-    def __init__(self, hand: Any, rig: Rig) -> None:
+    def __init__(self, hand: OrcaLike, rig: Rig) -> None:
         self._hand = hand
         self._ids = [int(number) for number in hand.config.motor_ids]
         self._names = [f"motor_{number}" for number in self._ids]
@@ -87,10 +104,10 @@ class OrcaMotors:
         currents = list(self._hand.get_motor_current())
         if not (answered and self._answered()):
             return {}
-        found = dict[str, float | None]()
+        readings = dict[str, float | None]()
         for name, position, current in zip(self._names, positions, currents):
-            found |= {f"{name}_position": position, f"{name}_current": current}
-        return _numbers(found)
+            readings |= {f"{name}_position": position, f"{name}_current": current}
+        return _present(readings)
 
     def _answered(self) -> bool:
         """Return whether the last read succeeded: where it failed, the SDK returns old values."""
@@ -109,7 +126,7 @@ class OrcaMotors:
 
     def temperatures(self) -> dict[str, float]:
         """Return motor → temperature [°C]."""
-        return _numbers(dict(zip(self._names, self._hand.get_motor_temp())))
+        return _present(dict(zip(self._names, self._hand.get_motor_temp())))
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send goals: motor → angle [rad]."""
@@ -126,10 +143,11 @@ def motors_of(hand: object, rig: Rig) -> Motors:
     """
     if isinstance(hand, Motors):
         return hand
-    lacks = [name for name in ORCA if not hasattr(hand, name)]
-    if not lacks:
+    if isinstance(hand, OrcaLike):
         return OrcaMotors(hand, rig)
     if hasattr(getattr(hand, "config", None), "motor_ids"):
+        methods = [name for name in vars(OrcaLike) if not name.startswith("_")]
+        lacks = [name for name in methods if not hasattr(hand, name)]
         raise EstimationError(
             f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core 0.4.0 or newer"
         )
@@ -139,7 +157,7 @@ def motors_of(hand: object, rig: Rig) -> Motors:
     )
 
 
-def _numbers(values: Mapping[str, float | None]) -> dict[str, float]:
+def _present(values: Mapping[str, float | None]) -> dict[str, float]:
     """Return the values that are there."""
     return {
         name: float(value)
@@ -358,7 +376,8 @@ class Hand:
 
     def health(self) -> HandHealth:
         """Return the state of the hand at the last `update`."""
-        word, detail = self._reading.health, self._reading.detail
+        word = self._reading.health
+        detail = self._reading.detail
         return HandHealth(word, detail, self._silent, self._hot, self._lost, self._held_back)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:

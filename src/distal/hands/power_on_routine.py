@@ -156,14 +156,14 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     Raises:
         LogError: one of them is missing in the rig.
     """
-    found = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive}
+    channels = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive}
     for measures in ("position", "force"):
-        if measures not in found:
+        if measures not in channels:
             raise LogError(
                 f"'{rig.name}': motor '{drive}' has no sensor of its {measures}; a calibration "
                 "needs both"
             )
-    return found["position"], found["force"]
+    return channels["position"], channels["force"]
 
 
 def _turning(positions: Floats, travel: float) -> list[int]:

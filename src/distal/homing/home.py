@@ -67,9 +67,9 @@ def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Ri
     read at some `rate` [Hz]; and that sensor.
     """
     joint = joint or rig.joints[0].name
-    known = sensor_for(rig.sensors_of("angle"), joint)
+    sensor = sensor_for(rig.sensors_of("angle"), joint)
     # how far the model's angle and the joint's may be apart
-    bias = Parameter(value=0.0) if known is None else known.bias
+    bias = Parameter(value=0.0) if sensor is None else sensor.bias
     return _with_sensor(rig, "reference", joint, rate, bias, len(rig.sensors))
 
 
@@ -269,12 +269,15 @@ def home(
     names = estimator.channels[: len(estimator.positions)]
     of_readings = samples_of_readings(log, samples[:, : len(names)], truths)
     changed = dict[str, object]()
-    for kind, of in (("filter", plain), ("readings", of_readings)):
-        maps = []
-        for learned in getattr(estimator.maps, kind):
+    for kind, maps, of in (
+        ("filter", estimator.maps.filter, plain),
+        ("readings", estimator.maps.readings, of_readings),
+    ):
+        conditioned = []
+        for learned in maps:
             part = of_part(of, estimator.rig, names, learned.joints, learned.channels)
-            maps.append(_conditioned(learned, part, early, offsets))
-        changed[kind] = tuple(maps)
+            conditioned.append(_conditioned(learned, part, early, offsets))
+        changed[kind] = tuple(conditioned)
     homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
     return Homed(homed, first, unaided)
 
@@ -335,7 +338,11 @@ def _conditioned(
     """Return a map conditioned on the targets of a run's first samples, `early`."""
     if learned.logs:
         return given(learned, samples, early, offsets)
-    described = {name: getattr(learned, name) for name in ("joints", "channels", "positions")}
+    described = {
+        "joints": learned.joints,
+        "channels": learned.channels,
+        "positions": learned.positions,
+    }
     return from_window(samples, described, early, offsets)
 
 
