@@ -89,25 +89,23 @@ def with_angles(
     unread = set((dataset / "data").rglob("*.parquet")) - set(columns)
     if unread:
         raise LogError(f"{min(unread)}: cannot be read, so that its rows would have no angles")
+    values: dict[int, New] = {}
     try:
-        half = Path(tempfile.mkdtemp(prefix=".distal-", dir=into.parent))
-    except OSError as problem:
-        raise OutputError(f"{into}: {problem.strerror or problem}") from None
-    try:
-        shutil.copytree(dataset, half, dirs_exist_ok=True)
-        for path in (half, *half.rglob("*")):
-            path.chmod(path.stat().st_mode | 0o200)  # the original may be read-only
-        values: dict[int, New] = {}
-        for path in dict.fromkeys(episode.path for episode in episodes):
-            values |= _extended(half / path.relative_to(dataset), path, columns[path])
-        _describe(half, info, rig, values, unit)
-        half.rename(into)
+        with tempfile.TemporaryDirectory(
+            prefix=".distal-", dir=into.parent, ignore_cleanup_errors=True
+        ) as folder:
+            half = Path(folder)
+            shutil.copytree(dataset, half, dirs_exist_ok=True)
+            for path in (half, *half.rglob("*")):
+                path.chmod(path.stat().st_mode | 0o200)  # the original may be read-only
+            for path, estimates in columns.items():
+                values |= _extended(half / path.relative_to(dataset), path, estimates)
+            _describe(half, info, rig, values, unit)
+            half.rename(into)
     except OSError as problem:
         raise OutputError(f"{into}: {problem.strerror or problem}") from None
     except (KeyError, ValueError) as problem:
         raise LogError(f"{dataset}: not as LeRobot describes its datasets ({problem})") from None
-    finally:
-        shutil.rmtree(half, ignore_errors=True)
     codes = np.concatenate([of[WORD] for of in values.values()]).astype(int)
     words = list(HEALTH)
     shares = {words[code]: float(np.mean(codes == code)) for code in np.unique(codes)}
@@ -122,24 +120,21 @@ def _columns(
     """
     by_file: dict[Path, dict[int, tuple[Floats, New]]] = {}
     problems: dict[Episode, DistalError] = {}
-    none = np.full((1, len(rig.joints)), np.nan)
     for episode in episodes:
-        new = none[0], {ANGLE: none, STD: none, WORD: none[:, :1]}
         try:
             log = read_log(episode, rig)
             estimated = estimate(log, rig)
             words = [word_code(word) for word in log_health(log, rig)]  # type: ignore[arg-type]
-            new = (
-                log.time,
-                {
-                    ANGLE: scale * estimated.angles,
-                    STD: scale * estimated.angle_stds,
-                    WORD: np.array(words, dtype=np.float64)[:, None],
-                },
-            )
+            time = log.time
+            angles = scale * estimated.angles
+            stds = scale * estimated.angle_stds
+            codes = np.array(words, dtype=np.float64)
         except DistalError as problem:
             problems[episode] = problem
-        by_file.setdefault(episode.path, {})[episode.number] = new
+            time = codes = np.full(1, np.nan)
+            angles = stds = np.full((1, len(rig.joints)), np.nan)
+        new = {ANGLE: angles, STD: stds, WORD: codes[:, None]}
+        by_file.setdefault(episode.path, {})[episode.number] = time, new
     for episode, error in problems.items():
         if len(problems) == len(episodes):
             raise error
@@ -166,9 +161,8 @@ def _extended(
         values[number] = {}
         for name, of in new.items():
             missing = word_code("bad") if name == WORD else np.nan
-            values[number][name] = np.where(is_there[:, None], of[at], missing)
-            shape = (len(stamps), of.shape[1])
-            columns.setdefault(name, np.zeros(shape))[rows] = values[number][name]
+            values[number][name] = filled = np.where(is_there[:, None], of[at], missing)
+            columns.setdefault(name, np.zeros((len(stamps), of.shape[1])))[rows] = filled
     metadata = dict(table.schema.metadata or {})
     described = json.loads(metadata.get(b"huggingface", b"{}"))
     for name, of in columns.items():
@@ -195,7 +189,7 @@ def _describe(
     unit: str,
 ) -> None:
     """Write the new features and their statistics where the dataset has those of its state."""
-    joints = list(rig.joint_names)
+    joints = rig.joint_names
     for name, dtype, names in (
         (ANGLE, "float32", joints),
         (STD, "float32", joints),
@@ -249,8 +243,8 @@ def _statistics(values: Floats, every: Floats, like: Iterable[str]) -> dict[str,
     """Return the statistics of values, (k, n), that a feature of the dataset has too; NaN is left
     out. Where no value is left, they are those of `every` row, with a count of 0.
     """
-    rows, others = (of[np.isfinite(of).all(axis=1)].astype(np.float64) for of in (values, every))
-    counted = rows if len(rows) else others
+    rows = values[np.isfinite(values).all(axis=1)]
+    counted = rows if len(rows) else every[np.isfinite(every).all(axis=1)]
 
     def one(what: str) -> list[float]:
         if what == "count":

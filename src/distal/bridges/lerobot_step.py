@@ -52,13 +52,11 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
         values = {column: observation.get(column.removeprefix(STATE)) for column in columns}
         sample = self._units.sample(stamp, values)
         reading = self._monitor.take(stamp, sample, self._units.remarks)
-        added = dict[str, object]()
+        observed = dict(observation)
         for joint, angle, std in zip(self._joints, reading.angles, reading.angle_stds):
-            added |= {
-                f"{joint}.angle": self._scale * angle,
-                f"{joint}.angle_std": self._scale * std,
-            }
-        return observation | added
+            observed[f"{joint}.angle"] = self._scale * angle
+            observed[f"{joint}.angle_std"] = self._scale * std
+        return observed
 
     def reset(self) -> None:
         """Forget everything: an episode begins."""

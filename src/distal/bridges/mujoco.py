@@ -137,7 +137,7 @@ def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
     described = plain_value(rig.bare().model_dump(exclude_defaults=True))
     spec.add_text(name=EMBEDDED, data=tomlkit.dumps(described))
     mechanism = Mechanism(_unlinked(rig))
-    pulls = list[float]()
+    pulls = []
     for tendon in rig.tendons:
         drive = rig.drive(tendon.drive)
         usual = abs(drive.nominal_force.value) / drive.lever / len(rig.tendons_of(drive.name))
@@ -160,10 +160,9 @@ def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
     p = mechanism.parameters
     of_tendons, of_bodies = ca.Function("numbers", [q, p.symbols], expressions)(at, p.values)
     for tendon, (length, *arms) in zip(rig.tendons, of_tendons.full()):
-        k = tendon.stiffness.value
         loose = np.dot(arms, at) - length + tendon.loose
         added = spec.add_tendon(name=tendon.name, springlength=(SLACKEST, loose))
-        added.stiffness[0] = k
+        added.stiffness[0] = tendon.stiffness.value
         added.damping[0] = tendon.damping.value
         for name, arm in zip(names, arms):
             if arm:

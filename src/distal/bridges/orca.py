@@ -49,6 +49,9 @@ class VirtualEncoders:
         widest: half of a band, above which an angle is not valid [deg].
         period: between readings [s].
 
+    Attributes:
+        is_connected: whether `connect` was called, and `disconnect` was not.
+
     Raises:
         EstimationError: the hand is of another kind, or none of its joints is one of the rig.
         RigError: the rig is unknown or wrong.
@@ -77,22 +80,16 @@ class VirtualEncoders:
             joint: {t.drive for t in self.hand.rig.tendons if joint in t.joints}
             for joint in self._slots
         }
-        self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._came = threading.Event()
         self._thread: threading.Thread | None = None
         self._frame: EncoderReading | None = None
         self._frames = 0
-        self._connected = False
+        self.is_connected = False
         self._read_at = -inf
         self._restarted = set[str]()
         self._zeros = dict[str, float]()
-        self._doubted = frozenset[str]()
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether `connect` was called, and `disconnect` was not."""
-        return self._connected
+        self._doubted = set[str]()
 
     def connect(self) -> None:
         """Give the hand the calibration of these encoders."""
@@ -100,12 +97,12 @@ class VirtualEncoders:
         anchors = dict.fromkeys(self._slots, anchor)
         was = self._orca.calibration
         self._orca.calibration = replace(was, joint_encoder_calibration_dict=anchors)
-        self._connected = True
+        self.is_connected = True
 
     def disconnect(self) -> None:
         """End the stream."""
         self.stop_stream()
-        self._connected = False
+        self.is_connected = False
 
     def start_stream(self, timeout: float = 5.0) -> None:
         """Begin to read the motors, and wait for the first frame.
@@ -114,7 +111,7 @@ class VirtualEncoders:
             OSError: `connect` was not called.
             EstimationError: no frame came within the `timeout` [s].
         """
-        if not self._connected:
+        if not self.is_connected:
             raise OSError("call connect() first")
         if self._thread is None or not self._thread.is_alive():
             self._stopping.clear()
@@ -129,9 +126,7 @@ class VirtualEncoders:
         self._stopping.set()
         if self._thread is not None:
             self._thread.join()
-            self._thread = None
-        with self._lock:
-            self._frame = None
+        self._frame = None
         self._came.clear()
 
     def _run(self) -> None:
@@ -149,9 +144,9 @@ class VirtualEncoders:
         if len(health.silent) < len(self.hand.rig.drives):
             self._read_at = now
         zeros = self.hand.zeros
-        self._restarted |= {m for m, was in self._zeros.items() if abs(zeros[m] - was) > 1.0}
-        self._restarted |= set(self.hand.restarted)
-        self._doubted = frozenset((*health.silent, *reading.doubted, *self._restarted))
+        turned = (name for name, was in self._zeros.items() if abs(zeros[name] - was) > 1.0)
+        self._restarted.update(self.hand.restarted, turned)
+        self._doubted = self._restarted.union(health.silent, reading.doubted)
         if now - self._read_at > BRIDGED or not any(map(isfinite, reading.angles)):
             return
         wire = self._wire
@@ -162,23 +157,21 @@ class VirtualEncoders:
         ranges = self._orca.effective_joint_roms_dict
         for joint, slot in self._slots.items():
             if isfinite(angles[joint]):
-                turned = signs[joint] * (angles[joint] - ranges[joint][1]) / 360.0
-                count = ANCHOR + round(turned * wire.ENCODER_COUNTS_PER_REV)
+                turns = signs[joint] * (angles[joint] - ranges[joint][1]) / 360.0
+                count = ANCHOR + round(turns * wire.ENCODER_COUNTS_PER_REV)
                 words[slot] = count % wire.ENCODER_COUNTS_PER_REV
                 is_narrow = BAND * stds[joint] <= self._widest
                 if not (is_narrow and self._motors_of[joint].isdisjoint(self._doubted)):
                     words[slot] |= wire.AUTO_ENC_ANGLE_ERROR_BIT
         words |= wire.AUTO_ENC_PARITY_BIT * (np.array([int(w).bit_count() for w in words]) % 2)
-        frame = import_module("orca_core.hardware.sensing.types").EncoderReading(
+        self._frame = import_module("orca_core.hardware.sensing.types").EncoderReading(
             raw_counts=words.astype(np.uint16),
             parity_ok=np.ones(len(words), dtype=np.bool_),
             angle_error=(words & wire.AUTO_ENC_ANGLE_ERROR_BIT) != 0,
             error_byte=0,
             timestamp=now,
         )
-        with self._lock:
-            self._frame = frame
-            self._frames += 1
+        self._frames += 1
         self._came.set()
 
     def _valid(self) -> list[str]:
@@ -189,8 +182,7 @@ class VirtualEncoders:
 
     def get_latest(self) -> EncoderReading | None:
         """Return the latest frame; None before the first, and where the stream was stopped."""
-        with self._lock:
-            return self._frame
+        return self._frame
 
     get_latest_unfiltered = get_latest
 
@@ -230,7 +222,7 @@ class VirtualEncoders:
 
             def step(self, target_deg: Any, measured_deg: Any, dt: float) -> Any:
                 latest = encoders._frame
-                held = np.zeros(len(slots), bool) if latest is None else latest.angle_error[slots]
+                held = latest is not None and latest.angle_error[slots]
                 was = self.get_state()
                 new = super().step(target_deg, measured_deg, dt)
                 with self._lock:
@@ -264,5 +256,5 @@ class _Barring:
     def write_motor_pos(self, motor_ids: Sequence[int], positions: Sequence[float]) -> None:
         """Send goals [rad] to the motors that are not in doubt."""
         barred = self._encoders._doubted
-        sent = [pair for pair in zip(motor_ids, positions) if f"motor_{pair[0]}" not in barred]
-        self._encoders._orca.write_motor_pos([n for n, _ in sent], [goal for _, goal in sent])
+        sent = {n: at for n, at in zip(motor_ids, positions) if f"motor_{n}" not in barred}
+        self._encoders._orca.write_motor_pos(list(sent), list(sent.values()))

@@ -64,6 +64,9 @@ extern "C" __global__ void {name}_step(long long n, double* kernel_state, const 
 Step = Callable[[Floats, Floats, Floats], None]
 """Changes kernel states and outputs by a sample: (kernel_state, x, y)."""
 
+Prepared = tuple[ModuleType, tuple[Floats, ...], Step]
+"""NumPy or CuPy, its arrays of kernel states, samples and outputs, and what advances them."""
+
 
 class Angles(NamedTuple):
     """Angles of joints after a sample: arrays of NumPy, or on a GPU of CuPy.
@@ -110,13 +113,13 @@ class BatchEstimator:
         self.rig = as_rig(rig)
         self._one = one = make_estimator(estimator, self.rig)
         self._n = n
-        self._xp: ModuleType = np
-        self._here: Callable[[Floats | Bools], Floats] = np.asarray
-        if device == "cpu":
-            self._arrays, self._run = _on_processor(one.kernel, one.parameters, n)
-        else:
-            self._xp, self._arrays, self._run = _on_gpu(one.kernel.function, one.parameters, n)
-            self._here = self._xp.asnumpy
+        p = one.parameters
+        self._xp, self._arrays, self._run = (
+            _on_processor(one.kernel, p, n)
+            if device == "cpu"
+            else _on_gpu(one.kernel.function, p, n)
+        )
+        self._here: Callable[[Floats | Bools], Floats] = getattr(self._xp, "asnumpy", np.asarray)
         self._size = one.initial(0.0, np.full(len(one.channels), np.nan)).size
         self._begins = np.ones(n, dtype=bool)
 
@@ -176,14 +179,12 @@ class BatchEstimator:
         kernel_state, x, y = self._arrays
         width = len(one.channels)
         row = self._xp.moveaxis(x, 1, 0)  # a view: (n_x, groups, lanes)
-        lanes = row[0].size
-        sample = self._xp.zeros((width, lanes))
-        sample[:, : self._n] = values.T
-        is_finite = self._xp.zeros((width, lanes), dtype=bool)
-        is_finite[:, : self._n] = self._xp.isfinite(values).T
-        sample = self._xp.where(is_finite, sample, 0.0).reshape(row[1 : 1 + width].shape)
-        is_finite = is_finite.reshape(sample.shape)
-        first = self._xp.asarray(np.append(begins, np.zeros(lanes - self._n, dtype=bool)))
+        padded = self._xp.full((row[0].size, width), np.nan)
+        padded[: self._n] = values
+        sample = padded.T.reshape(row[1 : 1 + width].shape)
+        is_finite = self._xp.isfinite(sample)
+        sample = self._xp.where(is_finite, sample, 0.0)
+        first = self._xp.asarray(np.pad(begins, (0, row[0].size - self._n)))
         row[0] = self._xp.where(first, 0.0, dt / parts).reshape(row[0].shape)
         for rows_after in range(parts - 1, -1, -1):
             fill(row[1 : 1 + width], row[1 + width :], sample, is_finite, rows_after, one.bridged)
@@ -227,8 +228,8 @@ class BatchEstimator:
             kernel_state[k // lanes, :, k % lanes] = self._xp.asarray(begin)
 
 
-def _on_processor(kernel: Kernel, p: Floats, n: int) -> tuple[tuple[Floats, ...], Step]:
-    """Return kernel states, samples and outputs in vector lanes, and what advances them."""
+def _on_processor(kernel: Kernel, p: Floats, n: int) -> Prepared:
+    """Return what holds kernel states, samples and outputs in vector lanes, and advances them."""
     lanes = kernel.lanes()
     sizes = kernel.sizes
     per_sample = sizes.kernel_state, sizes.x, sizes.y
@@ -241,7 +242,7 @@ def _on_processor(kernel: Kernel, p: Floats, n: int) -> tuple[tuple[Floats, ...]
                 kernel_state[k, :, 0] = after[0]
                 y[k, :, 0] = out[0]
 
-        return arrays, one_by_one
+        return np, arrays, one_by_one
     groups = -(-n // lanes.lanes)
     arrays = tuple(lanes.empty(groups, size) for size in per_sample)
     common = lanes.empty(sizes.p)
@@ -254,7 +255,7 @@ def _on_processor(kernel: Kernel, p: Floats, n: int) -> tuple[tuple[Floats, ...]
     def side_by_side(kernel_state: Floats, x: Floats, y: Floats) -> None:
         list(pool.map(lambda at: lanes.step(kernel_state[at], x[at], common, y[at]), shares))
 
-    return arrays, side_by_side
+    return np, arrays, side_by_side
 
 
 def cuda_source(function: ca.Function) -> str:
@@ -267,10 +268,8 @@ def cuda_source(function: ca.Function) -> str:
     return re.sub(r"^static (inline |)(?=void|double)", r"static __device__ \1", text, flags=re.M)
 
 
-def _on_gpu(
-    function: ca.Function, p: Floats, n: int
-) -> tuple[ModuleType, tuple[Floats, ...], Step]:
-    """Return CuPy, the arrays of `_on_processor` on a GPU, and what advances them."""
+def _on_gpu(function: ca.Function, p: Floats, n: int) -> Prepared:
+    """Return what `_on_processor` does, on a GPU."""
     try:
         import cupy
     except ImportError:

@@ -33,10 +33,11 @@ from distal.hands.power_on_routine import (
     STRONGEST,
     Sweep,
     contacts,
+    crossed,
     is_pair,
     needed,
     sweeps_of,
-    unsure,
+    travel_of,
     winds_to,
 )
 from distal.logs import Log, Source, read_log
@@ -58,7 +59,8 @@ TURNS_MOST = degrees(1.0) ** 0.5
 wrong [1]. Source: definition (nearer to degrees than to radians).
 """
 
-FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
+WAYS = {1: "as its reading grows", -1: "as its reading falls"}
+"""Direction of a sweep → its words."""
 
 
 @dataclass(frozen=True)
@@ -82,47 +84,38 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     """Return the fault of a motor's tendons that its sweeps show, or none: the most certain where
     there are several.
     """
-    motor = rig.drive(drive)
     tendons = rig.tendons_of(drive)
-    arms = tendons[0].arms()
-    names = ", ".join(arms)
-    ratio = tendons[0].total_arm / motor.lever
+    ratio = tendons[0].total_arm / rig.drive(drive).lever
     pair = is_pair(rig, drive)
 
     def fault(kind: FaultKind, sentence: str) -> tuple[Fault, ...]:
-        return (Fault(kind, drive, f"{drive} ({names}): {sentence}"),)
+        return (Fault(kind, drive, f"{drive} ({', '.join(tendons[0].joints)}): {sentence}"),)
 
-    if len(sweeps) < FEWEST_SWEEPS:
-        return fault("slipped", FREE)
-    full = sweeps[1:]
-    resisted = {way: [sweep.resisted for sweep in full if sweep.way == way] for way in (1, -1)}
-    none = [way for way in (1, -1) if not any(resisted[way])]
-    if pair and len(none) == 2:
-        return fault("slipped", FREE)
+    resisted = {way: [sweep.resisted for sweep in sweeps[1:] if sweep.way == way] for way in WAYS}
+    none = [way for way in WAYS if not any(resisted[way])]
+    if len(sweeps) < FEWEST_SWEEPS or (pair and len(none) == 2):
+        return fault(
+            "slipped",
+            "turns freely both ways: its spool slips on its shaft, or all its tendons are off",
+        )
     if pair and none:
         which = " and ".join(tendon.name for tendon in tendons if tendon.winding == none[0])
-        words = (
-            f"nothing resists {_ways(none)}: {which} is broken, off its spool, or wound the "
-            "wrong way round"
+        return fault(
+            "broken",
+            f"nothing resists {WAYS[none[0]]}: {which} is broken, off its spool, or wound the "
+            "wrong way round",
         )
-        return fault("broken", words)
-    if not pair and 1 in none:
-        if -1 not in none:
-            return fault(
-                "side",
-                "tightens when it should let out: its tendon is wound the wrong way round",
-            )
+    if not pair and len(none) == 2:
         return fault("broken", f"nothing resists: {tendons[0].name} is broken or off its spool")
-    shift = max(
-        (
-            float(np.ptp(contacts(sweeps, way)))
-            for way in (1, -1)
-            if all(resisted[way]) and resisted[way]
-        ),
-        default=0.0,
-    )
-    if shift > SLIPPED / degrees(1.0) * ratio:
-        moved = degrees(shift / ratio)
+    if not pair and 1 in none:
+        return fault(
+            "side", "tightens when it should let out: its tendon is wound the wrong way round"
+        )
+    shifts = [
+        np.ptp(contacts(sweeps, way)) for way in WAYS if way not in none and all(resisted[way])
+    ]
+    moved = degrees(max(shifts, default=0.0) / ratio)
+    if moved > SLIPPED:
         return fault(
             "slipped",
             f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips",
@@ -145,11 +138,21 @@ def excess(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[float, float]
     its joint's range and their slack need, and the std of that by the rig [m].
     """
     motor = rig.drive(drive)
-    up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
-    tendons = rig.tendons_of(drive)
-    longer = (up - down) * motor.lever - needed(rig, drive)
-    slack = sum(tendon.slack.value for tendon in tendons)
-    return longer - slack, unsure(rig, drive, up - down)
+    assert isinstance(motor, Capstan)
+    up, down = (np.mean(contacts(sweeps, way)) for way in WAYS)
+    # both ends are off, each by its own error
+    meets = crossed(rig, rig.tendons_of(drive)[0])
+    stds = [np.sqrt(2) * arm * joint.stops_std for joint, arm in meets]
+    slack, slack_std = _slack(rig, drive)
+    std = np.hypot.reduce([*stds, slack_std, motor.radius.total_std * (up - down)])
+    return float((up - down) * motor.lever - needed(rig, drive) - slack), float(std)
+
+
+def _slack(rig: Rig, drive: str) -> tuple[float, float]:
+    """Return the slack of all tendons of a motor together, and its std [m]."""
+    slacks = [tendon.slack for tendon in rig.tendons_of(drive)]
+    std = np.hypot.reduce([slack.total_std for slack in slacks])
+    return sum(slack.value for slack in slacks), float(std)
 
 
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
@@ -158,23 +161,20 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
     """
     faults = []
     for drive in (name for name in sweeps if is_pair(rig, name)):
-        tendons = rig.tendons_of(drive)
-        slack = sum(tendon.slack.value for tendon in found.tendons_of(drive))
-        more = slack - sum(tendon.slack.value for tendon in tendons)
-        of_file, of_fit = (
-            np.hypot.reduce([tendon.slack.total_std for tendon in of.tendons_of(drive)])
-            for of in (rig, found)
-        )
+        tendon = rig.tendons_of(drive)[0]
+        before, of_file = _slack(rig, drive)
+        slack, of_fit = _slack(found, drive)
+        more = slack - before
         longer, std = excess(rig, drive, sweeps[drive])
         # what moves the motor stretches both tendons, by half of this each
         level = float(np.median([abs(sweep.level) for sweep in sweeps[drive]]))
-        stretch = level / rig.drive(drive).lever / tendons[0].stiffness.value
+        stretch = level / rig.drive(drive).lever / tendon.stiffness.value
         if longer > max(CLEARLY * std, BAND * std + stretch) or more > max(
             CLEARLY * of_file, BAND * of_fit
         ):
             line = (
-                f"{drive} ({', '.join(tendons[0].joints)}): turns about "
-                f"{degrees(max(longer, more) / tendons[0].total_arm):.0f}° further than its range "
+                f"{drive} ({', '.join(tendon.joints)}): turns about "
+                f"{degrees(max(longer, more) / tendon.total_arm):.0f}° further than its range "
                 "asks for: its tendons are slack, or its radii are others"
             )
             faults.append(Fault("slack", drive, line))
@@ -187,30 +187,22 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
     Raises:
         FitError: all motors turn, or pull, so much more or less that a unit is wrong.
     """
-    turned = list[float]()
-    pulls = list[float]()
-    for drive in (drive for drive in rig.drives if sweeps[drive.name]):
-        ends = [sweep.contact for sweep in sweeps[drive.name]]
-        turned.append(float(np.ptp(ends)) * drive.lever / needed(rig, drive.name))
-        pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
-    if min(turned) > TURNS_MOST:
-        size = (
-            f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, "
-            "or more"
-        )
-        raise FitError(f"{source}: {size}; is the unit of their positions right?")
-    noise = min(sensor.noise for sensor in rig.sensors_of("force"))
-    if not noise / CLEARLY < max(pulls) < STRONGEST:
-        size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
-        raise FitError(
-            f"{source}: {size}; is the unit of their currents, or the torque constant, right?"
-        )
-
-
-def _ways(ways: Sequence[int]) -> str:
-    return " or ".join(
-        "as its reading grows" if way > 0 else "as its reading falls" for way in ways
+    turned = min(
+        np.ptp([sweep.contact for sweep in of]) / travel_of(rig, drive)
+        for drive, of in sweeps.items()
     )
+    if turned > TURNS_MOST:
+        raise FitError(
+            f"{source}: all motors turn {turned:.0f} times as far as their joints' ranges ask for, "
+            "or more; is the unit of their positions right?"
+        )
+    pull = max(abs(sweep.level) for of in sweeps.values() for sweep in of)
+    noise = min(sensor.noise for sensor in rig.sensors_of("force"))
+    if not noise / CLEARLY < pull < STRONGEST:
+        raise FitError(
+            f"{source}: the motors' torques while they move are {pull:.2g} N m at most; is the "
+            "unit of their currents, or the torque constant, right?"
+        )
 
 
 RARE = log(2 * NormalDist().cdf(-CLEARLY))
@@ -230,8 +222,6 @@ DONE = {
 }
 """Kind of a doubt → what is done without consent."""
 
-ACCEPT = "; --accept puts the first into the file"
-
 Cause = tuple[float, str, Mapping[str, object]]
 """Log probability of what was met, words, and values by path that correct the file."""
 
@@ -247,16 +237,14 @@ class _Line:
         self.name = name
         self.radius = drive.radius
         self.sensors = [sensor for sensor in rig.sensors if sensor.of == name]
-        position = next(sensor for sensor in self.sensors if sensor.measures == "position")
+        self.position = position = next(s for s in self.sensors if s.measures == "position")
         self.zero = position.bias
-        self.sign = position.sign
-        self.bias = f"sensors.{position.name}.bias"
         self.tendons = rig.tendons_of(name)
-        self.joint = joint = next(j for j in rig.joints if j.name in self.tendons[0].joints)
+        self.joint = crossed(rig, self.tendons[0])[0][0]
         rows = []
         for tendon in self.tendons:
             way = tendon.winding
-            arm = tendon.arms()[joint.name]
+            arm = tendon.arms()[self.joint.name]
             met, length, std = winds_to(rig, tendon, sweeps)
             std = np.hypot(std, tendon.slack.total_std)
             length += tendon.slack.value
@@ -271,8 +259,8 @@ class _Line:
             # it wraps: in which turn it counts, says nothing
             turn = 2 * pi / position.gear
             turns = turn * np.round(np.mean(self.off) / turn)
-            self.met = self.met - turns
-            self.off = self.off - turns
+            self.met -= turns
+            self.off -= turns
 
     def judged(
         self, free: Floats = NONE, mean: Floats | None = None, met: Floats | None = None
@@ -285,14 +273,15 @@ class _Line:
         ratio = self.radius.total_std / self.radius.value * mean
         spread = np.diag(self.stds**2) + self.zero_std**2 + np.outer(ratio, ratio)
         spread += free @ free.T
-        far, seen = np.linalg.solve(spread, np.column_stack([off, free[:, 0]])).T
+        first = free[:, 0]
+        far, seen = np.linalg.solve(spread, np.column_stack([off, first])).T
         size = off @ far + np.linalg.slogdet(2 * pi * spread)[1]
-        return -size / 2, off @ far, free[:, 0] @ far, np.sqrt(1 - free[:, 0] @ seen)
+        return -size / 2, off @ far, first @ far, np.sqrt(1 - first @ seen)
 
     def turned(self, sign: int, zero: object) -> dict[str, object]:
         """Return the values of a motor that turns by another sign, with its zero."""
         signs = {f"sensors.{of.name}.sign": sign * of.sign for of in self.sensors}
-        return signs | {self.bias: zero}
+        return signs | {f"sensors.{self.position.name}.bias": zero}
 
     def causes(self) -> Iterator[Cause]:
         """Yield what would explain the ends."""
@@ -314,8 +303,8 @@ class _Line:
         values = {f"drives.{self.name}.radius": {"value": radius, "std": radius * std / (1 + x)}}
         yield size, f"its radius is {1e3 * radius:.3g} mm, or its gear {1 + x:.3g} : 1", values
         size = self.judged(mean=-self.ends[::-1])[0]
-        words = "it turns the other way, or its range has the wrong sign: look"
-        yield size, words, self.turned(-1, -self.zero.value)
+        values = self.turned(-1, -self.zero.value)
+        yield size, "it turns the other way, or its range has the wrong sign: look", values
         if np.ptp(self.met) > np.ptp(self.ends):
             stds = (KNOWN, np.ptp(joint.travel))
             yield max(self.judged(std * diagonal)[0] for std in stds), SLACK, {}
@@ -325,7 +314,7 @@ class _Line:
         size = -other.judged()[0]
         values = dict[str, object]()
         for a, b in ((self, other), (other, self)):
-            same = a.sign * b.sign
+            same = a.position.sign * b.position.sign
             size += b.judged(met=same * a.met[::same])[0]
             zero, radius = (of.model_dump(exclude_defaults=True) for of in (b.zero, b.radius))
             values |= a.turned(same, zero) | {f"drives.{a.name}.radius": radius}
@@ -361,7 +350,8 @@ def doubts_of(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, .
             f"{line.name} ({line.joint.name}): the file has the ends of its travel {off[0]:.1f}° "
             f"and {off[1]:.1f}° of the joint off: {'; or '.join(words)}. {DONE[kind]}"
         )
-        doubts.append(Fault(kind, line.name, sentence + (ACCEPT if values else ""), values))
+        sentence += "; --accept puts the first into the file" if values else ""
+        doubts.append(Fault(kind, line.name, sentence, values))
     return tuple(doubts)
 
 
@@ -440,28 +430,22 @@ def calibrate(
         )
     check_scales(rig, "a calibration by the motors' torques", "torque")
     log = _bridged(log if isinstance(log, Log) else read_log(log, rig, ranged=False))
-    sweeps, stopped = _sweeps(log, rig, {} if stopped is None else stopped)
+    sweeps, stopped = _sweeps(log, rig, stopped or {})
     check_units(rig, sweeps, log.source)
-    faults = (
-        *(
-            Fault("stopped", name, f"{name}: its routine ended before its end: {why}")
-            for name, why in stopped.items()
-        ),
-        *(
-            fault
-            for drive in rig.drives
-            if drive.name not in stopped
-            for fault in faults_of(rig, drive.name, sweeps[drive.name])
-        ),
-    )
+    faults = [
+        Fault("stopped", name, f"{name}: its routine ended before its end: {why}")
+        for name, why in stopped.items()
+    ]
+    for drive, of in sweeps.items():
+        faults += faults_of(rig, drive, of)
     moved = {fault.drive for fault in faults if fault.kind in ("slipped", "stopped")}
     doubts = doubts_of(rig, {name: of for name, of in sweeps.items() if name not in moved})
     if accept and any(doubt.values for doubt in doubts):
         return _accepted(log, rig, stopped, doubts)
-    wrong = {doubt.drive: doubt for doubt in doubts if doubt.kind == "file"}
-    faulty = {fault.drive for fault in (*faults, *wrong.values())}
+    wrong = {doubt.drive for doubt in doubts if doubt.kind == "file"}
+    faulty = wrong.union(fault.drive for fault in faults)
     values = dict[str, object]()
-    parts = [part for part in independent_parts(rig) if part.rig.drives]
+    parts = independent_parts(rig)
     sound = [part for part in parts if not faulty.intersection(part.rig.drive_names)]
     notes = tuple(
         f"not calibrated, as it has a fault: {', '.join(part.rig.joint_names)}"
@@ -484,13 +468,8 @@ def calibrate(
             values[f"sensors.{sensor.name}.bias"] = unknown
     found_rig = rig.with_values(values)
     slackened = {doubt.drive for doubt in doubts if doubt.kind == "slack"}
-    sound_sweeps = {
-        name: sweeps[name]
-        for part in sound
-        for name in part.rig.drive_names
-        if name not in slackened
-    }
-    slack = slack_of(found_rig, rig, sound_sweeps)
+    drives = [name for part in sound for name in part.rig.drive_names if name not in slackened]
+    slack = slack_of(found_rig, rig, {name: sweeps[name] for name in drives})
     return Calibrated(found_rig, rig, values, (*doubts, *faults, *slack), notes)
 
 
@@ -536,16 +515,15 @@ def _sweeps(
     sweeps = dict[str, tuple[Sweep, ...]]()
     without = dict(stopped)
     for name in rig.drive_names:
-        sweeps[name] = ()
         if name not in stopped:
             try:
                 sweeps[name] = sweeps_of(log, rig, name)
             except LogError as problem:
                 without[name] = str(problem)
-    if not any(sweeps.values()):
+    if not sweeps:
         raise LogError(list(without.values())[-1])
     resisted = any(sweep.resisted for of_drive in sweeps.values() for sweep in of_drive)
-    if len(sweeps) > 1 and not resisted:
+    if len(rig.drives) > 1 and not resisted:
         raise LogError(
             f"{log.source}: no motor meets an end of its travel; is it the log of a power-on "
             "routine (see distal.hands.Routine)?"

@@ -15,7 +15,7 @@ from distal.fitting import Options
 from distal.fitting.free_parameters import assignments
 from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import most_likely, problem_of, search, searched
-from distal.hands.power_on_routine import Sweep, is_pair, needed, winds_to
+from distal.hands.power_on_routine import Sweep, crossed, is_pair, needed, winds_to
 from distal.logs import Log
 from distal.rig import Capstan, Rig, Sensor, Subsystem
 
@@ -96,15 +96,12 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
         values[f"sensors.{sensor.name}.noise"] = max(sensor.noise, noise)
     for sensor in rig.sensors_of("position"):
         values |= _by_contacts(rig, sensor, sweeps[sensor.of])
-    joints = {joint.name: joint for joint in rig.joints}
     for tendon in rig.tendons:
         way = sweeps[tendon.drive][0].way * tendon.winding
-        for name, arm in tendon.arms().items():
-            if joints[name].coupled is None:
-                values[f"joints.{name}.initial"] = {
-                    "value": joints[name].travel[1 if way * arm > 0 else 0],
-                    "std": joints[name].stops_std,
-                }
+        for joint, arm in crossed(rig, tendon):
+            if joint.coupled is None:
+                end = joint.travel[way * arm > 0]
+                values[f"joints.{joint.name}.initial"] = {"value": end, "std": joint.stops_std}
     return values
 
 
@@ -131,16 +128,16 @@ def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str,
     for _ in range(ITERATIONS):
         away = ways * (lengths + x[2:]) / x[1]
         slopes = np.column_stack([np.ones(len(ways)), -away / x[1], np.diag(ways / x[1])])
-        crossed = slopes @ covariance
-        seen = crossed @ slopes.T + np.diag(np.square(unsure) / x[1] ** 2)
-        gain = np.linalg.solve(seen, crossed).T
+        cross = slopes @ covariance
+        seen = cross @ slopes.T + np.diag(np.square(unsure) / x[1] ** 2)
+        gain = np.linalg.solve(seen, cross).T
         x = prior + gain @ (met - x[0] - away - slopes @ (prior - x))
     names = [f"sensors.{sensor.name}.bias", f"drives.{drive.name}.radius"]
     values = dict[str, object]()
     for tendon in tendons if len(tendons) == 2 else ():
         names.append(f"tendons.{tendon.name}.slack")
         values[f"tendons.{tendon.name}.pretension"] = {"value": 0.0, "std": 0.0}
-    for name, value, variance in zip(names, x, np.diag(covariance - gain @ crossed)):
+    for name, value, variance in zip(names, x, np.diag(covariance - gain @ cross)):
         values[name] = {"value": float(value), "std": float(np.sqrt(variance))}
     return values
 
@@ -163,19 +160,19 @@ def _likeliest(problem: Problem, prior: Rig) -> Floats:
             best = search(problem, best, fixed=fixed).z
         return best
     best = most_likely(problem, best)[1].z
-    likelier = True
-    while likelier:
+    while True:
         ends = [best]
         for one, other, ratio in exchanges:
             z = best.copy()
-            values = [problem.parts[at][0].value(best[at]) for at in (one, other)]
-            z[one] = problem.parts[one][0].coordinate(ratio * values[1])
-            z[other] = problem.parts[other][0].coordinate(values[0] / ratio)
+            first = problem.parts[one][0]
+            second = problem.parts[other][0]
+            z[one] = first.coordinate(ratio * second.value(best[other]))
+            z[other] = second.coordinate(first.value(best[one]) / ratio)
             ends.append(most_likely(problem, z)[1].z)
-        at = int(np.nanargmin(problem.costs(ends)))
-        likelier = at > 0
-        best = ends[at]
-    return best
+        likeliest = int(np.nanargmin(problem.costs(ends)))
+        if likeliest == 0:
+            return best
+        best = ends[likeliest]
 
 
 def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:
@@ -193,7 +190,7 @@ def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:
         assert joint.spring is not None
         tendon = next(tendon for tendon in prior.tendons if joint.name in tendon.joints)
         arm = tendon.arms()[joint.name]
-        stop = joint.travel[1 if arm > 0 else 0]
+        stop = joint.travel[arm > 0]
         reach = abs((stop - joint.spring.rest_angle.value) / arm)
         reaches.setdefault(tendon.name, {})[at] = reach
     return [
@@ -220,9 +217,8 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
             wider[path] = {"value": found["value"], "std": std}
     for sensor in rig.sensors_of("position"):
         drive = rig.drive(sensor.of)
-        arms = rig.tendons_of(drive.name)[0].arms()
-        stds = [arms[joint.name] * joint.stops_std for joint in rig.joints if joint.name in arms]
-        off = float(np.hypot.reduce(stds)) / drive.lever
+        meets = crossed(rig, rig.tendons_of(drive.name)[0])
+        off = np.hypot.reduce([arm * joint.stops_std for joint, arm in meets]) / drive.lever
         radius = np.sqrt(2) * off * drive.lever**2 / needed(rig, drive.name)
         widen(f"drives.{drive.name}.radius", radius)
         widen(f"sensors.{sensor.name}.bias", off / np.sqrt(2))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import degrees, inf, isfinite, nan, radians
+from math import degrees, inf, isfinite, isnan, nan, radians
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -34,6 +34,9 @@ from distal.run.live_estimator import HOTTEST
 class Motors(Protocol):
     """Interface of the motors to a `Hand`: for a hand of another kind, write an object with these
     three methods.
+
+    Where it also has `limit_torques(limits)`, motor → torque [N m], that limits the torques of
+    these motors, and of all others to their usual limits.
     """
 
     def read(self) -> Mapping[str, float]:
@@ -56,14 +59,6 @@ class Numbered(Protocol):
 
 
 @runtime_checkable
-class TorqueLimited(Protocol):
-    """Interface of motors whose servos can limit their own torques; `Motors` may have it too."""
-
-    def limit_torques(self, limits: Mapping[str, float]) -> None:
-        """Limit the torques of these motors [N m], and of all others to their usual limits."""
-
-
-@runtime_checkable
 class OrcaLike(Protocol):
     """Part of `orca_core.OrcaHand` (0.4 on) that is used here: motors by number, radians,
     milliamperes.
@@ -77,26 +72,14 @@ class OrcaLike(Protocol):
     def get_motor_current(self) -> Iterable[float]:
         """Return currents [mA], in that order."""
 
-    def set_max_current(self, current: list[float]) -> None:
-        """Limit the motors' currents [mA]."""
-
     def get_motor_temp(self) -> Iterable[float]:
         """Return temperatures [°C], in that order."""
 
     def write_motor_pos(self, motor_ids: list[int], positions: list[float]) -> None:
         """Send angles [rad], the `positions` of these motors."""
 
-
-ORCA_METHODS = (
-    "get_motor_pos",
-    "get_motor_current",
-    "get_motor_temp",
-    "write_motor_pos",
-    "set_max_current",
-)
-
-LEAST_ORCA = "0.4.0"
-"""First release of orca_core that has all `ORCA_METHODS`."""
+    def set_max_current(self, current: list[float]) -> None:
+        """Limit the motors' currents [mA]."""
 
 
 class OrcaMotors:
@@ -105,7 +88,13 @@ class OrcaMotors:
     def __init__(self, hand: OrcaLike, rig: Rig) -> None:
         self._hand = hand
         self._ids = [int(number) for number in hand.config.motor_ids]
-        self._names = _known(rig, [f"motor_{number}" for number in self._ids])
+        self._names = [f"motor_{number}" for number in self._ids]
+        for name in rig.drive_names:
+            if name not in self._names:
+                raise EstimationError(
+                    f"the rig '{rig.name}' has a motor '{name}' that this hand has not: "
+                    f"{', '.join(self._names)}"
+                )
         self._torque_of = {s.of: abs(log_factor(s)) for s in rig.sensors_of("force")}
 
     def read(self) -> dict[str, float]:
@@ -113,7 +102,12 @@ class OrcaMotors:
         positions = list(self._hand.get_motor_pos())
         answered = self._answered()
         currents = list(self._hand.get_motor_current())
-        return _columns(self._names, positions, currents) if answered and self._answered() else {}
+        if not (answered and self._answered()):
+            return {}
+        readings = dict[str, float | None]()
+        for name, position, current in zip(self._names, positions, currents):
+            readings |= {f"{name}_position": position, f"{name}_current": current}
+        return _present(readings)
 
     def _answered(self) -> bool:
         """Return whether the last read succeeded: where it failed, the SDK returns old values."""
@@ -132,14 +126,12 @@ class OrcaMotors:
 
     def temperatures(self) -> dict[str, float]:
         """Return motor → temperature [°C]."""
-        return _named(self._names, self._hand.get_motor_temp())
+        return _present(dict(zip(self._names, self._hand.get_motor_temp())))
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send goals: motor → angle [rad]."""
-        sent = [
-            (number, goals[name]) for number, name in zip(self._ids, self._names) if name in goals
-        ]
-        self._hand.write_motor_pos([number for number, _ in sent], [goal for _, goal in sent])
+        sent = {n: goals[name] for n, name in zip(self._ids, self._names) if name in goals}
+        self._hand.write_motor_pos(list(sent), list(sent.values()))
 
 
 def motors_of(hand: object, rig: Rig) -> Motors:
@@ -153,42 +145,25 @@ def motors_of(hand: object, rig: Rig) -> Motors:
         return hand
     if isinstance(hand, OrcaLike):
         return OrcaMotors(hand, rig)
-    lacks = [name for name in ORCA_METHODS if not hasattr(hand, name)]
     if hasattr(getattr(hand, "config", None), "motor_ids"):
+        methods = [name for name in vars(OrcaLike) if not name.startswith("_")]
+        lacks = [name for name in methods if not hasattr(hand, name)]
         raise EstimationError(
-            f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core {LEAST_ORCA} or newer"
+            f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core 0.4.0 or newer"
         )
     raise EstimationError(
-        f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, "
-        "or an object with read, temperatures and write (distal.hands.Motors), as "
-        "examples/hands/aero_motors.py has for an AeroHand"
+        f"{type(hand).__name__} is no hand that distal knows: give an OrcaHand of orca_core, or an "
+        "object with the methods of distal.hands.Motors, as in examples/hands/aero_motors.py"
     )
 
 
-def _known(rig: Rig, names: list[str]) -> list[str]:
-    drives = rig.drive_names
-    unknown = [name for name in drives if name not in names]
-    if unknown:
-        raise EstimationError(
-            f"the rig '{rig.name}' has a motor '{unknown[0]}' that this hand has not: "
-            f"{', '.join(names)}"
-        )
-    return names
-
-
-def _columns(
-    names: Sequence[str], positions: Iterable[float], currents: Iterable[float]
-) -> dict[str, float]:
-    found = dict[str, float]()
-    for name, position, current in zip(names, positions, currents):
-        for column, value in ((f"{name}_position", position), (f"{name}_current", current)):
-            if value is not None and float(value) == float(value):
-                found[column] = float(value)
-    return found
-
-
-def _named(names: Sequence[str], values: Iterable[float]) -> dict[str, float]:
-    return {name: float(value) for name, value in zip(names, values) if value is not None}
+def _present(values: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the values that are there."""
+    return {
+        name: float(value)
+        for name, value in values.items()
+        if value is not None and not isnan(value)
+    }
 
 
 HOT = 65.0
@@ -211,7 +186,7 @@ class HandHealth:
         held_back: goals that are not sent, and why; may be empty.
     """
 
-    word: str
+    word: Health
     detail: str
     silent: tuple[str, ...]
     hot: Mapping[str, float]
@@ -221,16 +196,14 @@ class HandHealth:
     @property
     def sentence(self) -> str:
         """The whole state of the hand in a line."""
-        meaning = HEALTH.get(self.word, "")  # type: ignore[call-overload]
-        parts = [f"{self.word}: {self.detail or meaning}"]
-        parts += [f"no answer from {', '.join(self.silent)}"] if self.silent else []
-        parts += (
-            [f"hot: {', '.join(f'{name} {value:.0f} °C' for name, value in self.hot.items())}"]
-            if self.hot
-            else []
+        hot = ", ".join(f"{name} {value:.0f} °C" for name, value in self.hot.items())
+        parts = (
+            f"{self.word}: {self.detail or HEALTH[self.word]}",
+            self.silent and f"no answer from {', '.join(self.silent)}",
+            hot and f"hot: {hot}",
+            self.held_back,
         )
-        parts += [self.held_back] if self.held_back else []
-        return "; ".join(parts)
+        return "; ".join(part for part in parts if part)
 
 
 class Hand:
@@ -265,18 +238,11 @@ class Hand:
     def __init__(
         self, hand: object, rig: Rig | str | Path, compensated: bool = False, compiled: bool = True
     ) -> None:
-        self._rig = as_rig(rig)
-        self._motors = motors_of(hand, self._rig)
+        rig = as_rig(rig)
+        self._motors = motors_of(hand, rig)
         self._compiled = compiled
         self._compensated = compensated
-        self._joints = tuple(self._rig.joint_names)
-        self._live = LiveEstimator(self._rig, compiled=compiled)
-        self._monitor = Monitor(self._live)
-        self._units = LogUnits(self._rig, self._live.channels, doubting=False)
-        self._gate = GoalGate(self._rig)
-        self._inverse: LiveInverse | None = None
-        self._desired: dict[str, float] = {}
-        self._reading: Reading | None = None
+        self._use(rig)
         self._temperatures: Mapping[str, float] = {}
         self._looked = -np.inf
         self._lost = 0
@@ -284,6 +250,23 @@ class Hand:
         self._limits: Mapping[str, float] = {}
         self._held_back = ""
         self._sent = dict[str, float]()
+
+    def _use(self, rig: Rig, units: LogUnits | None = None) -> None:
+        """Begin with a description of the hand, or go on with another one: the motors stay in the
+        turns in which they are by the `units`.
+        """
+        self._rig = rig
+        self._live = LiveEstimator(rig, compiled=self._compiled)
+        self._monitor = Monitor(self._live)
+        # its ranges are those of the rig that was found, by which a motor's turn is known
+        self._units = (
+            units.followed_by(rig) if units else LogUnits(rig, self._live.channels, doubting=False)
+        )
+        self._gate = GoalGate(rig)
+        self._inverse: LiveInverse | None = None
+        self._desired: dict[str, float] = {}
+        unknown = (nan,) * len(rig.joints)
+        self._reading = Reading(nan, unknown, unknown, "untested", "not updated yet")
 
     @property
     def rig(self) -> Rig:
@@ -312,13 +295,13 @@ class Hand:
             names = self._rig.drive_names
             self._inverse.confirm(self._write(dict(zip(names, command.positions.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
-        if self._units.restarts:
-            detail = f"{', '.join(self._units.restarts)} counts from another turn: it restarted"
-            self._reading = replace(self._reading, health="restarted", detail=detail)
-        turns = self._units.in_doubt
-        if turns:
-            detail = f"{', '.join(turns)}: in which of its turns, is not known; it gets no goal"
-            self._reading = replace(self._reading, health="restarted", detail=detail)
+        for motors, what in (
+            (self._units.restarts, " counts from another turn: it restarted"),
+            (self._units.in_doubt, ": in which of its turns, is not known; it gets no goal"),
+        ):
+            if motors:
+                detail = ", ".join(motors) + what
+                self._reading = replace(self._reading, health="restarted", detail=detail)
         if problem and self._reading.health in ("ok", "untested", "bad"):
             word: Health = "bad" if self._reading.health == "bad" else "missing"
             self._reading = replace(self._reading, health=word, detail=problem)
@@ -345,32 +328,27 @@ class Hand:
                 f"'{next(iter(values))}' was read, no column of the rig: "
                 f"{', '.join(self._units.columns[:4])}, …"
             )
-        silent = [
-            sensor.of
-            for sensor in self._rig.sensors_of("position")
-            if sensor.log_column not in read
-        ]
-        self._silent = tuple(dict.fromkeys(silent))
+        positions = self._rig.sensors_of("position")
+        self._silent = tuple(s.of for s in positions if s.log_column not in read)
         try:
             temperatures = self._temperatures if self._compensated else None
             sample = self._units.sample(time, read, temperatures)
         except EstimationError as wrong:
             self._lost += 1
             return np.full(len(self._units.channels), nan), str(wrong)
-        for sensor in self._rig.sensors_of("position"):
-            if sensor.of in self._units.in_doubt and sensor.name in self._units.channels:
+        for sensor in positions:
+            if sensor.of in self._units.in_doubt:
                 sample[self._units.channels.index(sensor.name)] = nan
         return sample, problem
 
     def _look(self, time: float) -> None:
         """Read the motors' temperatures; a value that is no temperature is left out."""
         self._looked = time
-        drives = self._rig.drive_names
         try:
             self._temperatures = {
                 name: float(value)
                 for name, value in self._motors.temperatures().items()
-                if name in drives
+                if name in self._rig.drive_names
                 and isinstance(value, (int, float, np.number))
                 and abs(value) <= HOTTEST
             }
@@ -383,17 +361,14 @@ class Hand:
         """Return joint → angle [deg] at the last `update`; NaN before the first, and where there
         was no estimate.
         """
-        return self._degrees(None if self._reading is None else self._reading.angles)
+        return self._degrees(self._reading.angles)
 
     def get_joint_stds(self) -> dict[str, float]:
         """Return joint → standard deviation of its angle [deg] at the last `update`."""
-        return self._degrees(None if self._reading is None else self._reading.angle_stds)
+        return self._degrees(self._reading.angle_stds)
 
-    def _degrees(self, values: tuple[float, ...] | None) -> dict[str, float]:
-        return {
-            name: nan if values is None else degrees(values[i])
-            for i, name in enumerate(self._joints)
-        }
+    def _degrees(self, values: tuple[float, ...]) -> dict[str, float]:
+        return dict(zip(self._rig.joint_names, map(degrees, values)))
 
     @property
     def _hot(self) -> dict[str, float]:
@@ -401,11 +376,8 @@ class Hand:
 
     def health(self) -> HandHealth:
         """Return the state of the hand at the last `update`."""
-        word, detail = (
-            ("untested", "not updated yet")
-            if self._reading is None
-            else (self._reading.health, self._reading.detail)
-        )
+        word = self._reading.health
+        detail = self._reading.detail
         return HandHealth(word, detail, self._silent, self._hot, self._lost, self._held_back)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
@@ -422,7 +394,7 @@ class Hand:
             CommandError: a name is unknown, an angle is no number or beyond the joint's range, or
                 the angles or a motor's zero are not known yet.
         """
-        if self._reading is None or not all(map(isfinite, self._reading.angles)):
+        if not all(map(isfinite, self._reading.angles)):
             raise CommandError(
                 "where the hand is, is not known yet: call update until it has angles"
             )
@@ -431,17 +403,15 @@ class Hand:
             raise CommandError(f"in which of its turns {names} is, is not known: call power_on")
         unknown = _without_zero(self._rig)
         if unknown:
-            known = (
-                f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent"
-            )
             raise CommandError(
-                f"{known}: call power_on, or take the rig that distal calibrate wrote"
+                f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent: "
+                "call power_on, or take the rig that distal calibrate wrote"
             )
         ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
-        angles = dict(zip(self._joints, self._reading.angles))
+        angles = dict(zip(self._rig.joint_names, self._reading.angles))
         desired = {name: angles[name] for name in ranges} | self._desired
         for name, angle in positions.items():
-            if name in self._joints and name not in ranges:
+            if name in angles and name not in ranges:
                 raise CommandError(
                     f"'{name}' follows another joint and is not moved by itself: want an angle of "
                     "that one"
@@ -484,8 +454,8 @@ class Hand:
         """
         # a motor that does not answer keeps its goal without being told again: if it restarts, it
         # may count from another turn
-        again = {name for name in self._silent if goals[name] == self._sent.get(name)}
-        held_back = again.union(self._units.in_doubt)
+        held_back = {name for name in self._silent if goals[name] == self._sent.get(name)}
+        held_back.update(self._units.in_doubt)
         sent = {
             sensor.of: self._units.logged(sensor.name, goals[sensor.of])
             for sensor in self._rig.sensors_of("position")
@@ -510,7 +480,7 @@ class Hand:
             for name, torque in holding.items()
             if isfinite(torque)
         }
-        if limits == self._limits or not isinstance(self._motors, TorqueLimited):
+        if limits == self._limits or not hasattr(self._motors, "limit_torques"):
             return
         try:
             self._motors.limit_torques(limits)
@@ -599,29 +569,13 @@ class Hand:
             return f"the record was not kept: {problem}"
         return ""
 
-    def _use(self, rig: Rig, units: LogUnits) -> None:
-        """Go on with another description of the same hand; the motors stay in the turns in which
-        they are.
-        """
-        self._rig = rig
-        self._live = LiveEstimator(rig, compiled=self._compiled)
-        self._monitor = Monitor(self._live)
-        # its ranges are those of the rig that was found, by which a motor's turn is known
-        self._units = units.followed_by(rig)
-        self._gate = GoalGate(rig)
-        self._inverse = None
-        self._desired = {}
-        self._reading = None
-
 
 def _without_zero(rig: Rig) -> list[str]:
     """Return the motors whose zero is known to no better than `KNOWN` at their joints."""
-    found = []
-    for drive in rig.drives:
-        position = next(
-            (sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None
-        )
-        arm = rig.tendons_of(drive.name)[0].total_arm
-        if position is None or position.bias.total_std * drive.lever / arm > KNOWN:
-            found.append(drive.name)
-    return found
+    zeros = {sensor.of: sensor.bias.total_std for sensor in rig.sensors_of("position")}
+    return [
+        drive.name
+        for drive in rig.drives
+        if zeros.get(drive.name, inf) * drive.lever / rig.tendons_of(drive.name)[0].total_arm
+        > KNOWN
+    ]

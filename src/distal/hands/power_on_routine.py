@@ -7,9 +7,9 @@ its torque and on time.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite, nan
 
 import numpy as np
@@ -18,7 +18,7 @@ from distal.arrays import Floats
 from distal.errors import CommandError, LogError, did_you_mean
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
-from distal.rig import Capstan, Rig, Tendon, check_scales, independent_parts
+from distal.rig import Joint, Rig, Tendon, check_scales, independent_parts
 
 TURNED = 0.05
 """Way back after which a motor has turned back, as a share of its travel, in the log or as the
@@ -83,23 +83,21 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     if not known.any():
         raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
     rows = np.flatnonzero(known)
-    ends = [int(rows[k]) for k in _turning(positions[rows], travel_of(rig, drive))]
+    positions = positions[rows]
+    torques = torques[rows]
     sweeps = [
-        _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
-        for begin, end in itertools.pairwise(ends)
+        _sweep(positions[begin : end + 1], torques[begin : end + 1], int(rows[end]))
+        for begin, end in pairwise(_turning(positions, travel_of(rig, drive)))
     ]
-    if len(sweeps) > 1:
-        last = sweeps[-1]
-        reached = max(last.way * sweep.contact for sweep in sweeps if sweep.way == last.way)
-        if last.way * last.contact < reached - TURNED * float(
-            np.nanmax(positions) - np.nanmin(positions)
-        ):
+    if sweeps:
+        way = sweeps[-1].way
+        reached = [way * sweep.contact for sweep in sweeps if sweep.way == way]
+        if reached[-1] < max(reached) - TURNED * np.ptp(positions):
             sweeps = sweeps[:-1]  # it went to rest
     if len(sweeps) < FEWEST_SWEEPS and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
         raise LogError(
             f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a "
-            "power-on routine has at "
-            f"least {FEWEST_SWEEPS} sweeps of each (see distal.hands.Routine)"
+            f"power-on routine has at least {FEWEST_SWEEPS} of each (see distal.hands.Routine)"
         )
     return tuple(sweeps)
 
@@ -109,36 +107,21 @@ def is_pair(rig: Rig, drive: str) -> bool:
     return len(rig.tendons_of(drive)) == 2
 
 
+def crossed(rig: Rig, tendon: Tendon) -> list[tuple[Joint, float]]:
+    """Return the joints that a tendon crosses, each with its moment arm [m], in the rig's order."""
+    arms = tendon.arms()
+    return [(joint, arms[joint.name]) for joint in rig.joints if joint.name in arms]
+
+
 def needed(rig: Rig, drive: str) -> float:
     """Return the length that the joints' ranges take up of a motor's tendon [m]."""
-    arms = rig.tendons_of(drive)[0].arms()
-    return float(
-        sum(
-            abs(arms[joint.name]) * np.ptp(joint.travel)
-            for joint in rig.joints
-            if joint.name in arms
-        )
-    )
+    meets = crossed(rig, rig.tendons_of(drive)[0])
+    return float(sum(abs(arm) * np.ptp(joint.travel) for joint, arm in meets))
 
 
 def travel_of(rig: Rig, drive: str) -> float:
     """Return the turn of a motor that its joints' ranges need [rad]; of a slider, the way [m]."""
     return needed(rig, drive) / rig.drive(drive).lever
-
-
-def unsure(rig: Rig, drive: str, turned: float) -> float:
-    """Return the std, by the rig, of the length of tendon that a motor winds from end to end [m],
-    where it has `turned` so far [rad].
-    """
-    part = rig.drive(drive)
-    tendons = rig.tendons_of(drive)
-    arms = tendons[0].arms()
-    # both ends are off, each by its own error
-    stds = [np.sqrt(2) * arms[j.name] * j.stops_std for j in rig.joints if j.name in arms]
-    stds += [tendon.slack.total_std for tendon in tendons]
-    if isinstance(part, Capstan):
-        stds.append(part.radius.total_std * turned)
-    return float(np.hypot.reduce(stds))
 
 
 def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
@@ -153,17 +136,16 @@ def winds_to(rig: Rig, tendon: Tendon, sweeps: Sequence[Sweep]) -> tuple[float, 
     An end that was not met is anywhere beyond.
     """
     lever = rig.drive(tendon.drive).lever
-    arms = tendon.arms()
-    joints = [joint for joint in rig.joints if joint.name in arms]
-    of = [sweep for sweep in sweeps[1:] if sweep.way == tendon.winding]
-    met = [sweep.contact for sweep in of if sweep.resisted]
+    meets = crossed(rig, tendon)
+    way = tendon.winding
+    met = [sweep.contact for sweep in sweeps[1:] if sweep.way == way and sweep.resisted]
     beyond = 0.0 if met else needed(rig, tendon.drive)
-    at = np.mean(met or [sweep.contact for sweep in of]) + tendon.winding * beyond / lever
+    at = np.mean(met or contacts(sweeps, way)) + way * beyond / lever
     # some part of what moves the motor stretches the tendon before the joint moves
     level = np.median([abs(sweep.level) for sweep in sweeps])
     stretch = level / lever / tendon.stiffness.value
-    stops = [arms[joint.name] * joint.travel[arms[joint.name] > 0] for joint in joints]
-    stds = [arms[joint.name] * joint.stops_std for joint in joints]
+    stops = [arm * joint.travel[arm > 0] for joint, arm in meets]
+    stds = [arm * joint.stops_std for joint, arm in meets]
     std = np.hypot.reduce([*stds, stretch / np.sqrt(12), beyond])
     return float(at), float(sum(stops) + stretch / 2), float(std)
 
@@ -174,16 +156,14 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     Raises:
         LogError: one of them is missing in the rig.
     """
-    names = []
+    channels = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive}
     for measures in ("position", "force"):
-        found = [sensor.name for sensor in rig.sensors_of(measures) if sensor.of == drive]
-        if not found:
+        if measures not in channels:
             raise LogError(
                 f"'{rig.name}': motor '{drive}' has no sensor of its {measures}; a calibration "
                 "needs both"
             )
-        names.append(found[0])
-    return names[0], names[1]
+    return channels["position"], channels["force"]
 
 
 def _turning(positions: Floats, travel: float) -> list[int]:
@@ -209,22 +189,21 @@ def _turning(positions: Floats, travel: float) -> list[int]:
 
 def _sweep(positions: Floats, torques: Floats, end: int) -> Sweep:
     way = 1 if positions[-1] > positions[0] else -1
-    known = np.isfinite(positions) & np.isfinite(torques)
     going = way * positions
     pull = way * torques
-    low = float(np.nanmin(going))
-    high = float(np.nanmax(going))
+    low = float(going.min())
+    high = float(going.max())
     first, last = (low + share * (high - low) for share in MIDDLE)
-    free = pull[known & (going > first) & (going < last)]
+    free = pull[(going > first) & (going < last)]
     level = float(np.median(free)) if free.size else 0.0
     noise = float(1.48 * np.median(np.abs(free - level))) if free.size else 0.0
-    last_pull = float(np.nanmedian(pull[known][-3:]))
+    last_pull = float(np.median(pull[-3:]))
     resisted = last_pull > RISEN * abs(level) + 6.0 * noise
     contact = high
     if resisted:
-        rise = last_pull - level
-        late = known & (np.arange(len(pull)) > len(pull) // 2)
-        line = late & (pull > level + LOADED[0] * rise) & (pull < level + LOADED[1] * rise)
+        least, most = (level + share * (last_pull - level) for share in LOADED)
+        late = np.arange(len(pull)) > len(pull) // 2
+        line = late & (pull > least) & (pull < most)
         if np.count_nonzero(line) >= 3 and np.ptp(going[line]) > 0.0:
             slope, beginning = np.polyfit(going[line], pull[line], 1)
             if slope > 0.0:
@@ -288,24 +267,24 @@ class RoutineOptions:
 
 
 class _Motor:
-    """One motor's sweeps: where its goal is, which way it goes, and what ended the last sweep."""
+    """One motor's sweeps: where it is and its goal is, which way it goes, and what ended the last
+    sweep.
+    """
 
     def __init__(self, rig: Rig, name: str, limit: float, options: RoutineOptions) -> None:
-        drive = next(part for part in rig.drives if part.name == name)
-        radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        self.name = name
         self.limit = limit
         self.options = options
         self.pair = is_pair(rig, name)
-        need = needed(rig, name) / radius
+        need = travel_of(rig, name)
         self.most = options.longest_sweep * need + options.margin
         self.loose = need + options.margin
         self.way = 1
         self.done = 0
         self.over = 0.0
+        self.silent = 0.0
+        self.position = nan
         self.goal = nan
         self.begin = nan
-        self.position = nan
         self.started = nan
         self.ends: dict[int, float] = {}
         self.beyond = 0.0
@@ -313,32 +292,43 @@ class _Motor:
         self.still = 0.0
         self.stood_at = nan
         self.felt = False
-        self.first = nan
 
-    def step(self, time: float, dt: float, position: float, torque: float) -> None:
-        """Go on by one period."""
+    def moved(self, time: float, dt: float, position: float, torque: float, note: str) -> str:
+        """Go on by one period, and return why the motor's routine ends; empty where it goes on."""
         options = self.options
-        if not isfinite(self.goal):
+        if self.silent > options.silent:
+            note = note or "its angle or its current is missing"
+            return f"nothing to go by for {self.silent:.1f} s ({note})"
+        if not (isfinite(position) and isfinite(torque)):
+            return ""
+        if abs(torque) > options.largest_torque * self.limit:
+            return f"a torque of {abs(torque):.2f} N m; its limit is {self.limit:.2f}"
+        why = self._blind(dt, position, torque)
+        if why:
+            return why
+        self._step(time, dt, position, torque)
+        if not self.rested and time - self.started > options.longest:
+            return f"a sweep took longer than {options.longest:g} s: does it move?"
+        return ""
+
+    def _step(self, time: float, dt: float, position: float, torque: float) -> None:
+        options = self.options
+        if not isfinite(self.begin):
             self.goal = self.begin = position
             self.started = time
-        self.position = position
         if self.done >= options.sweeps:
             most = options.speed * dt
             self.goal += float(np.clip(self.rest - self.goal, -most, most))
             self.rested = self.rested or (self._stands(dt, position) and self.goal == self.rest)
             return
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
+        met = self.over >= options.held
         gone = self.way * (position - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
-        most = (
-            2 * self.most
-            if self.done == 0
-            else self.most
-            if self.pair or self.way > 0
-            else self.loose
-        )
-        if self.over >= options.held or gone > most + self.beyond:
-            met = self.over >= options.held
+        most = self.most if self.pair or self.way > 0 else self.loose
+        if self.done == 0:
+            most *= 2
+        if met or gone > most + self.beyond:
             if not met and self.beyond > 0.0:
                 # it meets no end either way and would only go on turning
                 self.done = options.sweeps
@@ -346,7 +336,7 @@ class _Motor:
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = position
             self.way = -self.way
-            self.done = self.done + 1
+            self.done += 1
             self.started = time
             self.over = 0.0
         share = options.slows - self.way * torque / self.limit
@@ -354,11 +344,14 @@ class _Motor:
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, position - options.lead, position + options.lead))
 
-    def blind(self, dt: float, position: float, torque: float) -> str:
-        """Return why no torque reading says how hard the motor pushes; empty where one does."""
+    def _blind(self, dt: float, position: float, torque: float) -> str:
+        """Return why no torque reading says how hard the motor pushes in a sweep; empty where one
+        does.
+        """
+        if self.done >= self.options.sweeps:
+            return ""
         self.felt = self.felt or torque != 0.0
-        self.first = self.first if isfinite(self.first) else position
-        if not self.felt and abs(position - self.first) > self.options.felt:
+        if not self.felt and abs(position - self.begin) > self.options.felt:
             return "its current reads 0 while it moves"
         if self.way * (self.goal - position) < self.options.lead - self.options.creeps:
             self.stood_at = nan
@@ -384,11 +377,9 @@ class _Motor:
         """Where the motor rests afterwards: in the middle of its travel, or where its one tendon is
         loose [rad].
         """
-        return (
-            sum(self.ends.values()) / 2
-            if self.pair and len(self.ends) == 2
-            else self.ends.get(-1, self.goal)
-        )
+        if self.pair and len(self.ends) == 2:
+            return sum(self.ends.values()) / 2
+        return self.ends.get(-1, self.goal)
 
 
 class Routine:
@@ -407,14 +398,18 @@ class Routine:
     on rests where it is, with those that move the same joints, and the others go on; `abort` leaves
     all motors where they are.
 
+    Attributes:
+        aborted: why the routine was aborted; empty if it was not.
+        failed: motor whose routine ended too early → why.
+
     Raises:
         CommandError: the order or a limit names no motor or joint, or a number is out of its range.
     """
 
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
-        self._options = options = RoutineOptions() if options is None else options
+        options = options or RoutineOptions()
         limits = _checked_limits(rig, options)
-        self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
+        self._names = [name for drive in rig.drive_names for name in sweep_channels_of(rig, drive)]
         self._motors = {name: _Motor(rig, name, limit, options) for name, limit in limits.items()}
         self._groups = _groups(rig, options.order)
         self._gate = GoalGate(rig, calibrated=False)
@@ -422,28 +417,15 @@ class Routine:
         # those that share a joint, a tendon or an error
         self._together = {name: names for names in parts for name in names}
         self._time = nan
-        self._aborted = ""
-        self._silent = dict.fromkeys(self._motors, 0.0)
-        self._failed = dict[str, str]()
+        self.aborted = ""
+        self.failed = dict[str, str]()
         self._sent = dict.fromkeys(self._motors, nan)
         self._rows = list[list[float]]()
-        self._goals = dict.fromkeys(self._motors, nan)
-        self._positions = dict.fromkeys(self._motors, nan)
 
     @property
     def done(self) -> bool:
         """Whether the routine is at its end, or was aborted."""
-        return bool(self._aborted) or not self._groups
-
-    @property
-    def aborted(self) -> str:
-        """Why the routine was aborted; empty if it was not."""
-        return self._aborted
-
-    @property
-    def failed(self) -> dict[str, str]:
-        """Motor whose routine ended too early → why."""
-        return dict(self._failed)
+        return bool(self.aborted) or not self._groups
 
     @property
     def moving(self) -> tuple[str, ...]:
@@ -455,8 +437,8 @@ class Routine:
         """Goals of all motors as they pass the gate, as their sensors read them [rad]; NaN for a
         motor that gets none.
         """
-        sent = self._gate.passed(self._time, np.array(list(self._goals.values())))
-        return dict(zip(self._goals, sent.tolist()))
+        goals = np.array([motor.goal for motor in self._motors.values()])
+        return dict(zip(self._motors, self._gate.passed(self._time, goals).tolist()))
 
     def confirm(self, arrived: bool) -> None:
         """Take in whether the last goals were sent."""
@@ -466,17 +448,15 @@ class Routine:
         """End the routine: the goals become the positions of the motors, so that none goes on
         pushing.
         """
-        self._aborted = self._aborted or why
-        self._goals |= {
-            name: position for name, position in self._positions.items() if isfinite(position)
-        }
+        self.aborted = self.aborted or why
+        for motor in self._motors.values():
+            motor.goal = motor.position
 
     def fail(self, motor: str, why: str) -> None:
         """End the routine of a motor, and of all that move the same joints."""
         for name in self._together[motor]:
-            self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
-            if isfinite(self._positions[name]):
-                self._goals[name] = self._positions[name]
+            self.failed.setdefault(name, why if name == motor else f"{motor}: {why}")
+            self._motors[name].goal = self._motors[name].position
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
         """Take in a sample and return the goals of all motors, as their sensors read them [rad].
@@ -485,59 +465,33 @@ class Routine:
             time: of the sample [s].
             sample: channel → value, SI; NaN or left out where missing.
         """
-        dt = float(np.clip(time - self._time, 0.0, 0.1)) if isfinite(self._time) else 0.0
+        dt = float(np.nan_to_num(np.clip(time - self._time, 0.0, 0.1)))
         self._time = time
-        pairs = self._channels.values()
-        read = np.array([[sample.get(channel, nan) for channel in pair] for pair in pairs])
-        self._rows.append([time, *read.ravel().tolist(), *self._sent.values()])
-        believed = self._gate.read(time, read[:, 0], read[:, 1])
-        for name, position, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
+        read = np.array([sample.get(name, nan) for name in self._names])
+        self._rows.append([time, *read, *self._sent.values()])
+        torques = read[1::2]
+        believed = self._gate.read(time, read[::2], torques)
+        for (name, motor), position, torque in zip(self._motors.items(), believed, torques):
             is_read = isfinite(position) and isfinite(torque)
-            self._positions[name] = position if isfinite(position) else self._positions[name]
-            if not isfinite(self._goals[name]) and isfinite(position):
-                self._goals[name] = position
-            self._silent[name] = 0.0 if is_read else self._silent[name] + dt
-            if name in self.moving and name not in self._failed:
-                self._move(name, time, dt, position, torque)
-        if self._groups and all(self._ended(name) for name in self._groups[0]):
+            motor.silent = 0.0 if is_read else motor.silent + dt
+            if isfinite(position):
+                motor.position = position
+                if not isfinite(motor.goal):
+                    motor.goal = position
+            if name in self.moving and name not in self.failed:
+                why = motor.moved(time, dt, position, torque, self._gate.note)
+                if why:
+                    self.fail(name, why)
+        if all(name in self.failed or self._motors[name].rested for name in self.moving):
             self._groups = self._groups[1:]
         self._sent = self.goals
         return dict(self._sent)
 
-    def _move(self, name: str, time: float, dt: float, position: float, torque: float) -> None:
-        motor = self._motors[name]
-        if self._silent[name] > self._options.silent:
-            why = self._gate.note or "its angle or its current is missing"
-            return self.fail(name, f"nothing to go by for {self._silent[name]:.1f} s ({why})")
-        if not (isfinite(position) and isfinite(torque)):
-            return None
-        if abs(torque) > self._options.largest_torque * motor.limit:
-            why = f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
-            return self.fail(name, why)
-        if motor.done < self._options.sweeps and (why := motor.blind(dt, position, torque)):
-            return self.fail(name, why)
-        motor.step(time, dt, position, torque)
-        self._goals[name] = motor.goal
-        if not motor.rested and time - motor.started > self._options.longest:
-            longest = self._options.longest
-            return self.fail(name, f"a sweep took longer than {longest:g} s: does it move?")
-        return None
-
-    def _ended(self, name: str) -> bool:
-        motor = self._motors[name]
-        return name in self._failed or (motor.done >= self._options.sweeps and motor.rested)
-
     def log(self) -> Log:
         """Return the log of what was read and sent, as `calibrate` takes it."""
-        rows = np.array(self._rows)
-        names = [channel for pair in self._channels.values() for channel in pair]
-        return Log(
-            rows[:, 0],
-            {name: rows[:, 1 + k] for k, name in enumerate(names)},
-            {},
-            "power-on routine",
-            goals={name: rows[:, 1 + len(names) + k] for k, name in enumerate(self._motors)},
-        )
+        time, *columns = np.array(self._rows).T
+        goals = dict(zip(self._motors, columns[len(self._names) :]))
+        return Log(time, dict(zip(self._names, columns)), {}, "power-on routine", goals=goals)
 
 
 def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
@@ -573,8 +527,9 @@ def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
             or not least <= value <= most
         ):
             raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
-    usual = {name: options.of_pair if is_pair(rig, name) else options.of_single for name in motors}
-    return usual | limits
+    return {
+        name: options.of_pair if is_pair(rig, name) else options.of_single for name in motors
+    } | limits
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
@@ -582,21 +537,15 @@ def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, 
     tendon across it.
     """
     motors = rig.drive_names
-    if order is None:
-        return [(name,) for name in motors]
-    of_joint: dict[str, str] = {}
-    for tendon in rig.tendons:
-        for joint in tendon.joints:
-            of_joint.setdefault(joint, tendon.drive)
+    motor_of = {name: tendon.drive for tendon in reversed(rig.tendons) for name in tendon.joints}
+    motor_of |= dict(zip(motors, motors))
     groups = list[tuple[str, ...]]()
-    left = list(motors)
-    for group in order:
-        names = tuple(
-            dict.fromkeys(name if name in motors else of_joint.get(name, "") for name in group)
-        )
-        if "" in names:
-            unknown = next(name for name in group if name not in motors and name not in of_joint)
-            raise CommandError(f"order: '{unknown}' is no motor and no joint of '{rig.name}'")
+    left = set(motors)
+    for group in (*(order or ()), *([name] for name in motors)):
+        for name in group:
+            if name not in motor_of:
+                raise CommandError(f"order: '{name}' is no motor and no joint of '{rig.name}'")
+        names = dict.fromkeys(motor_of[name] for name in group)
         groups.append(tuple(name for name in names if name in left))
-        left = [name for name in left if name not in names]
-    return [group for group in (*groups, *((name,) for name in left)) if group]
+        left.difference_update(names)
+    return [group for group in groups if group]

@@ -23,11 +23,12 @@ from distal.estimators import (
     offsets_of,
     parts_of,
 )
+from distal.estimators.read_channels import sensor_for
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, TruthKind, TruthSource, frozen, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import Samples, from_prior, from_window, given
-from distal.rig import LearnedMap, Rig, Sensor, angle_names, build_rig
+from distal.rig import LearnedMap, Parameter, Rig, Sensor, angle_names
 
 TRUTH_NOISE = np.deg2rad(0.1)
 """Standard deviation of a true angle that is no sensor of the rig [rad]. Source: judgement."""
@@ -48,47 +49,49 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     if not known_joints:
         raise EstimationError(
             f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the "
-            "column of the rig's "
-            "angle sensor"
+            "column of the rig's angle sensor"
         )
-    rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
     names = []
     for joint in known_joints:
-        sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
-        if sensors and log.truth_kind.by_sensor:
-            if sensors[0].noise == 0.0 and sensors[0].resolution == 0.0:
-                rig = rig.with_values({f"sensors.{sensors[0].name}.noise": TRUTH_NOISE})
-            names.append(sensors[0].name)
-        else:
-            rig, added = added_reference(rig, rate, joint)
-            names.append(added.name)
-    return rig, tuple(sensor for name in names for sensor in rig.sensors if sensor.name == name)
+        sensor = sensor_for(rig.sensors_of("angle"), joint)
+        if sensor is None or not log.truth_kind.by_sensor:
+            rig, sensor = added_reference(rig, log.rate, joint)
+        elif sensor.noise == 0.0 and sensor.resolution == 0.0:
+            rig = rig.with_values({f"sensors.{sensor.name}.noise": TRUTH_NOISE})
+        names.append(sensor.name)
+    return rig, tuple(rig.sensors[rig.sensor_names.index(name)] for name in names)
 
 
 def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Rig, Sensor]:
     """Return the rig with one more sensor of a joint's angle, default the first joint's, that is
     read at some `rate` [Hz]; and that sensor.
     """
-    joint = rig.joints[0].name if joint is None else joint
-    sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
-    raw = rig.model_dump()
-    added = _angle_sensor(rig, "reference", joint, rate)
-    if sensors:
-        added["bias"] = sensors[
-            0
-        ].bias.model_dump()  # how far the model's angle and the joint's may be apart
-    raw["sensors"] = [*raw["sensors"], added]
-    described = build_rig(raw, rig.name)
-    return described, described.sensors[-1]
+    joint = joint or rig.joints[0].name
+    sensor = sensor_for(rig.sensors_of("angle"), joint)
+    # how far the model's angle and the joint's may be apart
+    bias = Parameter(value=0.0) if sensor is None else sensor.bias
+    return _with_sensor(rig, "reference", joint, rate, bias, len(rig.sensors))
 
 
-def _angle_sensor(rig: Rig, stem: str, joint: str, rate: float) -> dict[str, object]:
-    """Return a new sensor of a joint's angle, with a name that no sensor of the rig has."""
-    taken = {sensor.name for sensor in rig.sensors}
+def _with_sensor(
+    rig: Rig, stem: str, joint: str, rate: float, bias: Parameter, at: int
+) -> tuple[Rig, Sensor]:
+    """Return the rig with one more sensor of a joint's angle, its sensor number `at`, with a name
+    that no other one has; and that sensor. A rate of NaN is taken as 100 Hz.
+    """
     stem = stem if len(rig.joints) == 1 else f"{stem}_{joint}"
-    name = next(n for n in (stem, f"{stem}_angle", f"{stem}_angle_2") if n not in taken)
-    rate = float(np.clip(rate, 1e-3, 1e6))
-    return {"name": name, "measures": "angle", "of": joint, "noise": TRUTH_NOISE, "rate": rate}
+    names = (stem, f"{stem}_angle", f"{stem}_angle_2")
+    added = {
+        "name": next(name for name in names if name not in rig.sensor_names),
+        "measures": "angle",
+        "of": joint,
+        "noise": TRUTH_NOISE,
+        "rate": float(np.clip(np.nan_to_num(rate, nan=100.0), 1e-3, 1e6)),
+        "bias": bias.model_dump(),
+    }
+    sensors = rig.model_dump()["sensors"]
+    described = rig.with_values({"sensors": [*sensors[:at], added, *sensors[at:]]})
+    return described, described.sensors[at]
 
 
 def at_known_angle(
@@ -114,42 +117,32 @@ def at_known_angle(
         EstimationError: it is not clear which joint is meant, or a number is out of bounds.
     """
     joints = rig.joint_names
-    if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
-        came = "none was named" if joint is None else f"{joint!r} came"
+    which = joints[0] if joint is None and len(joints) == 1 else joint
+    if which is None or which not in joints:
+        came = "none was named" if which is None else f"{which!r} came"
         raise EstimationError(
             f"a homing angle is of one joint; name one of {', '.join(joints)} ('pip: 0 deg'); "
             f"{came}"
         )
-    which = joints[0] if joint is None else joint
     if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
         raise EstimationError(
             f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came"
         )
-    described, _ = _with_home(rig, which, std, log.rate if len(log) > 1 else 100.0)
-    columns = dict(zip(joints, angle_names(joints)))
+    bias = Parameter(value=0.0, std=std)
+    described, _ = _with_sensor(rig, "home", which, log.rate, bias, 0)
+    columns = angle_names(joints)
     early = log.time - log.time[0] < homing
     homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
     if not homed_before:
         # during homing, true angles of all other joints are not used
-        truth |= {
-            name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth
-        }
-    column = columns[which]
-    truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
+        truth |= {name: np.where(early, np.nan, truth[name]) for name in columns if name in truth}
+    column = columns[joints.index(which)]
+    truth[column] = np.where(early, angle, truth.get(column, np.nan))
     at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
     at = at if len(joints) == 1 else f"{which} {at}"
     position = f"{log.truth_source.position}, {at}" if homed_before else at
     return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, position)), described
-
-
-def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sensor]:
-    """Return the rig with a sensor ``home`` of where a joint is known to stand, and that sensor."""
-    home = {**_angle_sensor(rig, "home", joint, rate), "bias": {"value": 0.0, "std": std}}
-    raw = rig.model_dump()
-    raw["sensors"] = [home, *raw["sensors"]]
-    described = build_rig(raw, rig.name)
-    return described, described.sensors[0]
 
 
 def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> AdaptiveFilter:
@@ -169,13 +162,12 @@ def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> Adaptive
         raise EstimationError(
             f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came"
         )
-    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    rate = max((sensor.rate for sensor in rig.sensors), default=np.nan)
     is_mapped = rig.map is not None and bool(rig.map.filter)
-    names: list[str] = []
+    bias = Parameter(value=0.0, std=0.0 if is_mapped else float(std))
     for joint in reversed(rig.joints):
-        rig, sensor = _with_home(rig, joint.name, 0.0 if is_mapped else std, rate)
-        names.insert(0, sensor.name)
-    homes = [next(sensor for sensor in rig.sensors if sensor.name == name) for name in names]
+        rig, _ = _with_sensor(rig, "home", joint.name, rate, bias, 0)
+    homes = rig.sensors[: len(rig.joints)]
     return AdaptiveFilter(rig, compiled, references=homes, home_std=std if is_mapped else None)
 
 
@@ -268,27 +260,26 @@ def home(
     if not all(learned.logs for learned in estimator.maps.filter):
         start = _anchored(start, truths[early], estimator.rig.joint_names, offsets)
         begun = _with_parameters(estimator, start, log.time[early], samples[early])
-    plain = plain_samples(estimator, begun, log, unaided, truths)
-    if not _is_bounded(plain):
-        begun = start
-        plain = plain_samples(estimator, start, log, unaided, truths)
-    if not _is_bounded(plain):
+    for first in (begun, start):
+        plain = plain_samples(estimator, first, log, unaided, truths)
+        if np.all(np.abs(plain.angles) <= LARGEST_ANGLE):  # NaN is not below it either
+            break
+    else:
         return Homed(estimator, start, unaided)
     names = estimator.channels[: len(estimator.positions)]
-
-    def conditioned(maps: Sequence[LearnedMap], of: Samples) -> tuple[LearnedMap, ...]:
-        parts = [
-            of_part(of, estimator.rig, names, learned.joints, learned.channels) for learned in maps
-        ]
-        return tuple(
-            _conditioned(learned, part, early, offsets) for learned, part in zip(maps, parts)
-        )
-
-    changed = {"filter": conditioned(estimator.maps.filter, plain)}
-    of_angles = samples_of_readings(log, samples[:, : len(names)], truths)
-    changed["readings"] = conditioned(estimator.maps.readings, of_angles)
+    of_readings = samples_of_readings(log, samples[:, : len(names)], truths)
+    changed = dict[str, object]()
+    for kind, maps, of in (
+        ("filter", estimator.maps.filter, plain),
+        ("readings", estimator.maps.readings, of_readings),
+    ):
+        conditioned = []
+        for learned in maps:
+            part = of_part(of, estimator.rig, names, learned.joints, learned.channels)
+            conditioned.append(_conditioned(learned, part, early, offsets))
+        changed[kind] = tuple(conditioned)
     homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
-    return Homed(homed, begun, unaided)
+    return Homed(homed, first, unaided)
 
 
 def with_prior_maps(rig: Rig) -> Rig:
@@ -303,11 +294,6 @@ def with_prior_maps(rig: Rig) -> Rig:
         rest = np.zeros((2, len(part["channels"])))
         maps.append(from_prior(Samples("", np.arange(2.0), rest, none, none, none), part, {}))
     return rig.with_map(filter=maps)
-
-
-def _is_bounded(samples: Samples) -> bool:
-    """Return whether the filter's angles are bounded all along."""
-    return bool(np.all(np.abs(samples.angles) <= LARGEST_ANGLE))  # NaN is not below it either
 
 
 def _anchored(
