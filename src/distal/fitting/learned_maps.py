@@ -256,12 +256,12 @@ def learned_map(
     def searched(play: float) -> tuple[float, Seen, list[Learned]]:
         seen = Seen.of(logs, described, play)
         tasks = [seen.task(logs, joint, groups, homing) for joint in joints]
-        found = [task.in_groups.search() for task, *_ in tasks]
-        learned = [(prior, *task) for (prior, _), task in zip(found, tasks)]
-        return sum(cost for _, cost in found), seen, learned
+        priors = [task.in_groups.search() for task, *_ in tasks]
+        learned = [(prior, *task) for (prior, _), task in zip(priors, tasks)]
+        return sum(cost for _, cost in priors), seen, learned
 
-    _, seen, found = min(map(searched, PLAYS), key=lambda each: each[0])
-    results = [_of_joint(*each) for each in found]
+    _, seen, maps = min(map(searched, PLAYS), key=lambda by_play: by_play[0])
+    results = [_of_joint(*of_joint) for of_joint in maps]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
     arrays["correlation"] = _correlation([held_out for _, held_out in results])
     every = np.vstack([log.every for log in logs])

@@ -120,8 +120,8 @@ def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()
     """Return a log without empty rows, in which registers that hold a sign are decoded and single
     wild readings are missing, as the conversion of readings does it with the written rig.
     """
-    there = np.any([np.isfinite(values) for values in columns.values()], axis=0)
-    read = {name: decoded(values[there]) for name, values in columns.items()}
+    has_value = np.any([np.isfinite(values) for values in columns.values()], axis=0)
+    read = {name: decoded(values[has_value]) for name, values in columns.items()}
     wild = {name: is_wild for name, values in read.items() if (is_wild := _wild(values)).any()}
     read |= {name: np.where(is_wild, np.nan, read[name]) for name, is_wild in wild.items()}
     return RawLog(source, read, texts, {name: int(is_wild.sum()) for name, is_wild in wild.items()})
@@ -460,8 +460,8 @@ def with_values(
 
 def bridged(values: Floats) -> Floats:
     """Return samples with the missing ones in line with their neighbours, (k,)."""
-    there = np.flatnonzero(np.isfinite(values))
-    return np.interp(np.arange(len(values)), there, values[there]) if len(there) else values * 0.0
+    rows = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), rows, values[rows]) if len(rows) else values * 0.0
 
 
 CLEAR = 4.0

@@ -80,7 +80,7 @@ def headers_of(
     Raises:
         LogError: two headers give the same name with a unit.
     """
-    found: dict[str, tuple[str, str | None]] = {}
+    renamed: dict[str, tuple[str, str | None]] = {}
     for name in desired:
         if name in headers:
             continue
@@ -92,8 +92,8 @@ def headers_of(
             )
         alike = by_unit or [t for t in headers if t not in desired and _is_called(t, name)]
         if len(alike) == 1:
-            found[name] = alike[0], name_and_unit(alike[0])[1]
-    return found
+            renamed[name] = alike[0], name_and_unit(alike[0])[1]
+    return renamed
 
 
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
@@ -353,9 +353,9 @@ def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Float
         values = _plain_values(column)
         if values is None:
             words = {row: cell for row, cell in enumerate(column, first_row) if _is_word(cell)}
-            numbers = ["" if _is_word(cell) else cell for cell in column]
+            texts = ["" if _is_word(cell) else cell for cell in column]
             values = np.array(
-                [_number(cell, path, name, row) for row, cell in enumerate(numbers, first_row)]
+                [_number(cell, path, name, row) for row, cell in enumerate(texts, first_row)]
             )
             for row, cell in list(words.items())[:1]:
                 if np.isnan(values).all():

@@ -154,8 +154,8 @@ def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
     """Return a table in which rows with near stamps are one, where no row has all values: each
     topic of a recording may have rows of its own.
     """
-    there = {name: np.isfinite(table.values(name)) for name in table.columns}
-    held = {name: has_value for name, has_value in there.items() if has_value.any()}
+    read = {name: np.isfinite(table.values(name)) for name in table.columns}
+    held = {name: has_value for name, has_value in read.items() if has_value.any()}
     if len(held) < 2 or np.all(list(held.values()), axis=0).any():
         return table, clock
     is_dated = clock.stamps is not None
@@ -167,9 +167,9 @@ def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
     if not np.isfinite(list(columns.values())).all(axis=0).any():
         return table, clock
     none = np.full(len(stamps), np.nan)
-    whole = replace(table, columns={name: columns.get(name, none) for name in table.columns})
+    joined = replace(table, columns={name: columns.get(name, none) for name in table.columns})
     begin = stamps[0] if is_dated else 0
-    return whole, Clock((stamps - begin) * 1e-9, stamps if is_dated else None)
+    return joined, Clock((stamps - begin) * 1e-9, stamps if is_dated else None)
 
 
 def _check_repeated(rig: Rig, time: Floats, source: str) -> None:

@@ -308,9 +308,9 @@ def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
         source: what the log is called in messages.
         first_row: row number of the first stamp in its file.
     """
-    there = np.flatnonzero(~np.isnan(time))
     left_out = np.isnan(time)
-    left_out[there] = wild_stamps(time[there])
+    stamped = np.flatnonzero(~left_out)
+    left_out[stamped] = wild_stamps(time[stamped])
     say_wild(source, left_out, f"row {int(left_out.argmax()) + first_row}")
     rows = np.flatnonzero(~left_out)
     ends = set_backs(time[rows])

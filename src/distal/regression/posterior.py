@@ -329,7 +329,7 @@ def framed(
     shape: Shape, logs: Sequence[Samples], usual: Prior, play: float = 1.0
 ) -> dict[str, Floats]:
     """Return the parameters of the features by name: scales, and points where the logs are, for
-    the lengths of the `usual` prior.
+    the lengths of the `usual` prior, with a factor `play` on the half-widths of plays.
     """
     from scipy.cluster.vq import kmeans2  # loaded late: it takes as long as all of distal
 

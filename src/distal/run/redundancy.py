@@ -145,20 +145,20 @@ class Redundancy:
         """Return what is likelier than that all positions are right, touched or not, in words, by
         what is remembered.
         """
-        found = list[tuple[float, str]]()
+        causes = list[tuple[float, str]]()
         at = 0
         for part in self._parts:
             evidence = memory[at : at + part.memory.size][part.memory["beside_touch"]]
             at += part.memory.size
             names = part.learned.channels
-            said = [f"{names[i]} and {names[j]} look exchanged" for i, j in part.pairs]
-            said += [f"{name} looks late" for name in names]
-            said += [f"{name} looks as if its sign were wrong" for name in names]
-            found += [each for each in zip(evidence, said) if each[0] > -np.log(PRIOR)]
-        return [text for _, text in sorted(found, reverse=True)]
+            words = [f"{names[i]} and {names[j]} look exchanged" for i, j in part.pairs]
+            words += [f"{name} looks late" for name in names]
+            words += [f"{name} looks as if its sign were wrong" for name in names]
+            causes += [pair for pair in zip(evidence, words) if pair[0] > -np.log(PRIOR)]
+        return [text for _, text in sorted(causes, reverse=True)]
 
     def remembered(self, memory: Floats, name: str) -> dict[str, float]:
-        """Return position → what is remembered of it under a `name` of `REMEMBERED`."""
+        """Return position → what the `memory` holds of it under a `name` of `REMEMBERED`."""
         begin = len(memory) - MEMORY * len(self.judged) + REMEMBERED.index(name)
         positions = [self.channels[k] for k, *_ in self.judged]
         return dict(zip(positions, memory[begin::MEMORY].tolist()))
@@ -317,11 +317,11 @@ class _Part:
         came: Mapping[str, VectorNode],
         read: VectorNode,
         mask: VectorNode,
-        found: tuple[VectorNode, VectorNode],
+        compared: tuple[VectorNode, VectorNode],
         judged: VectorNode,
     ) -> dict[str, VectorNode]:
-        """Return what is remembered of the hypotheses, of which each sample asks one; `found` is T²
-        as it is read, and by how much a position is beyond all logs.
+        """Return what is remembered of the hypotheses, of which each sample asks one; `compared`
+        is T² as it is read, and by how much a position is beyond all logs.
         """
         dt = came["dt"]
         # until each sensor has been read there is nothing to compare
@@ -355,7 +355,7 @@ class _Part:
             mask,
         )
         spans = ca.fmin(waited / INDEPENDENT, 1) * (age >= 0) * judged
-        square, away = found
+        square, away = compared
         evidence = dict[str, VectorNode]()
         for name, cost in (("evidence", square), ("beside_touch", ca.fmin(square, TOUCH))):
             gain = _unlikely(cost, away) - _unlikely(theirs, beyond)
