@@ -15,7 +15,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -25,7 +24,13 @@ from distal.arrays import Floats
 from distal.confidence import BAND, LARGE_PRIOR
 from distal.diagnosis.causes import UNITS, Cause, of_sensors, starts_of, swap
 from distal.diagnosis.finding import THRESHOLDS
-from distal.diagnosis.innovation_tests import SPAN, ScoreTest, independent, quantile
+from distal.diagnosis.innovation_tests import (
+    SPAN,
+    ScoreTest,
+    independent,
+    known_means,
+    quantile,
+)
 from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
@@ -76,17 +81,13 @@ class Outcome:
         squares = self.normalized**2
         inflation = np.maximum(1.0, squares / OUTLIER)
         terms = squares / inflation + np.log(self.innovation_variances * inflation)
-        counts = np.maximum(np.isfinite(terms).sum(axis=0), 1)
-        likelihoods: Floats = -0.5 * np.nansum(terms, axis=0) / counts
-        return likelihoods
+        return -0.5 * known_means(terms)
 
     def excess(self) -> float:
         """Return how much the innovations are too large, ½ ln max(1, mean ν²/S) in the mean of the
         channels: −ln p of a value whose S is as much too small.
         """
-        squares = self.normalized**2
-        counts = np.maximum(np.isfinite(squares).sum(axis=0), 1)
-        means = np.nansum(squares, axis=0) / counts
+        means = known_means(self.normalized**2)
         return float(np.mean(0.5 * np.log(np.maximum(means, 1.0)))) if means.size else 0.0
 
 
@@ -141,10 +142,7 @@ class PerturbedRuns:
 
     def errors(self, outcome: Outcome) -> Floats:
         """Return the errors of the angles [rad], (k, n_joints), NaN where no truth is known."""
-        if self.truths is None:
-            return np.full(outcome.angles.shape, np.nan)
-        errors: Floats = outcome.angles - self.truths
-        return errors
+        return outcome.angles - (np.nan if self.truths is None else self.truths)
 
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         estimator = self.estimator
@@ -164,10 +162,8 @@ class PerturbedRuns:
         """Return the belief, the samples and the parameters of a run with a change."""
         estimator = self.estimator
         names = estimator.parameter_names
-        samples = self._run.samples
+        samples = self._run.samples.copy()
         p = np.array(estimator.parameters)
-        if any(cause.channels for cause in change):
-            samples = samples.copy()
         for cause, x in change.items():
             columns = [estimator.channels.index(name) for name in cause.channels]
             cause.apply(x, samples, columns, self.log.time)
@@ -200,24 +196,23 @@ class Derivatives:
     base: Outcome
     ends: tuple[Outcome, ...]
 
+    def _of(self, read: Callable[[Outcome], Floats]) -> Floats:
+        """Return the derivatives by the causes of what is read of a run, (n, k, any)."""
+        begin = read(self.base)
+        with np.errstate(invalid="ignore"):
+            return np.array(
+                [(read(end) - begin) / cause.step for cause, end in zip(self.causes, self.ends)]
+            )
+
     @property
     def angles(self) -> Floats:
         """Derivatives of the angles by the causes, (n, k, n_joints)."""
-        return np.array(
-            [(end.angles - self.base.angles) / c.step for c, end in zip(self.causes, self.ends)]
-        )
+        return self._of(lambda run: run.angles)
 
     @property
     def innovations(self) -> Floats:
         """Derivatives of ν/√S by the causes at the S of the base, (n, k, m)."""
-        spread = np.sqrt(self.base.innovation_variances)
-        with np.errstate(invalid="ignore"):
-            return np.array(
-                [
-                    (end.innovations - self.base.innovations) / spread / cause.step
-                    for cause, end in zip(self.causes, self.ends)
-                ]
-            )
+        return self._of(lambda run: run.innovations / np.sqrt(self.base.innovation_variances))
 
     def test(self, *, of_truth: bool) -> ScoreTest:
         """Return the score test of the causes: of the innovations, or of the angles' errors in
@@ -232,8 +227,7 @@ class Derivatives:
             spread = np.sqrt(self.base.variances)
             return ScoreTest(self.runs.errors(self.base) / spread, self.angles / spread, time, stds)
         residuals = self.base.normalized
-        counts = np.maximum(np.isfinite(residuals).sum(axis=0), 1)
-        limits = np.sqrt(OUTLIER * np.maximum(np.nansum(residuals**2, axis=0) / counts, 1.0))
+        limits = np.sqrt(OUTLIER * np.maximum(known_means(residuals**2), 1.0))
         return ScoreTest(np.clip(residuals, -limits, limits), self.innovations, time, stds)
 
 
@@ -314,7 +308,7 @@ class Search:
         """Return the trials of causes that explain something by more than chance, the best of each
         cause, the likeliest first.
         """
-        outcomes = [pair for pair in zip(changes, self._runs(changes)) if pair[1].bounded]
+        outcomes = self._tried(changes)
         if not outcomes:
             return []
         if self._of_truth:
@@ -337,7 +331,7 @@ class Search:
             }
             others = [change for change in changes if likely.issuperset(change)]
             pairs = [{**trials[0].change, **other} for other in others]
-            again = self._tried([*near, *pairs])
+            again = self._weighed(self._tried([*near, *pairs]))
             trials = self._best([*trials, *(trial for trial in again if len(trial.change) == 1)])
             best = trials[0]
             together = (trial for trial in again if len(trial.change) == 2)
@@ -353,9 +347,9 @@ class Search:
         least = quantile(1) ** 2 if self._base.bounded else -np.inf
         return [trial for trial in trials if trial.gain > least]
 
-    def _tried(self, changes: Iterable[Change]) -> list[Trial]:
-        asked = list(changes)
-        return self._weighed(pair for pair in zip(asked, self._runs(asked)) if pair[1].bounded)
+    def _tried(self, changes: Sequence[Change]) -> list[tuple[Change, Outcome]]:
+        """Return the changes with which the filter stays within all bounds, and its outcomes."""
+        return [pair for pair in zip(changes, self._runs(changes)) if pair[1].bounded]
 
     def _weighed(self, outcomes: Iterable[tuple[Change, Outcome]]) -> list[Trial]:
         return [Trial(*pair, self._gain(*pair)) for pair in outcomes]
@@ -378,10 +372,7 @@ class Search:
         return float(np.max(independent(residuals, self._runs.log.time), initial=1.0))
 
     def _squares(self, outcome: Outcome) -> Floats:
-        squares = self._runs.errors(outcome) ** 2
-        counts = np.maximum(np.isfinite(squares).sum(axis=0), 1)
-        means: Floats = np.nansum(squares, axis=0) / counts
-        return means
+        return known_means(self._runs.errors(outcome) ** 2)
 
     def _cost(self, outcome: Outcome) -> float:
         """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost.
@@ -436,9 +427,8 @@ def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
     chosen = []
     for cause, least, by in zip(derivatives.causes, noticed, moved):
         change = min(least, 1.0) if cause.is_factor else least
-        hidden = by > 0.0
-        if cause.kind in UNFELT and hidden.any():
-            chosen += [cause] if np.any(change * by[hidden] > band[hidden]) else []
+        if cause.kind in UNFELT and np.any(by > band / change):
+            chosen.append(cause)
     return chosen
 
 
@@ -492,7 +482,15 @@ def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
     trials = list[tuple[Change, float]]()
     for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
         if size not in cause.tried:
-            size, cost = _nearest(partial(judged, cause), size, _sizes(cause, readings, names))
+            others = _sizes(cause, readings, names)
+            step = min(abs(other - size) for other in others if other != size)
+            nearest = minimize_scalar(
+                lambda x, cause: judged(cause, x)[0],
+                args=(cause,),
+                bounds=(size - step, size + step),
+                method="bounded",
+            )
+            size, cost = nearest.x, nearest.fun
         if judged(cause, size)[1] < THRESHOLDS.half * share:
             trials.append(({cause: size}, before - cost))
     return sorted(trials, key=lambda trial: -trial[1])
@@ -529,16 +527,3 @@ def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
         return [*np.linspace(-LONGEST_DELAY, LONGEST_DELAY, SIZES)]
     largest = np.nan_to_num(np.abs(readings[:, names.index(cause.channels[0])])).max()
     return [*np.linspace(-largest, largest, 2 * SIZES + 1)] if largest > 0.0 else []
-
-
-def _nearest(
-    judged: Callable[[float], tuple[float, float]], size: float, sizes: Sequence[float]
-) -> tuple[float, float]:
-    """Return the size with the least cost around one of some sizes, and its cost."""
-    step = min(abs(other - size) for other in sizes if other != size)
-    nearest = minimize_scalar(
-        lambda x: judged(x)[0],
-        bounds=(size - step, size + step),
-        method="bounded",
-    )
-    return nearest.x, nearest.fun

@@ -208,12 +208,12 @@ def _zero_std(rig: Rig, sensor: Sensor) -> float:
     bias_std = 0.0 if bias is None else bias.total_std
     if sensor.measures != "position":
         return bias_std
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    drive = rig.drive(sensor.of)
     lever = drive.radius.value if drive.kind == "capstan" else 1.0
     stretches = [
         tendon.pretension.total_std / (tendon.stiffness.value * lever)
-        for tendon in rig.tendons
-        if tendon.drive == sensor.of and tendon.stiffness.value > 0.0
+        for tendon in rig.tendons_of(sensor.of)
+        if tendon.stiffness.value > 0.0
     ]
     return float(np.hypot(bias_std, max(stretches, default=0.0)))
 

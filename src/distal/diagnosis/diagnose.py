@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 from distal.confidence import BAND, COVERED
 from distal.diagnosis.cause_search import (
     UNFELT,
@@ -23,7 +23,17 @@ from distal.diagnosis.cause_search import (
     wrong_readings,
 )
 from distal.diagnosis.causes import Cause, causes_of, sizes
-from distal.diagnosis.finding import COMPLIANCE, SCALE, THRESHOLDS, ZERO, Finding, Kind, named_cause
+from distal.diagnosis.finding import (
+    COMPLIANCE,
+    SCALE,
+    THRESHOLDS,
+    ZERO,
+    Finding,
+    Kind,
+    named_cause,
+    sensor_of,
+    tendon_of,
+)
 from distal.diagnosis.innovation_tests import (
     SPAN,
     ChannelStatistics,
@@ -125,7 +135,7 @@ def diagnose(
         trials = _explained(runs, derivatives.base, changes, ways)
         kind: Kind = "looks like" if truth or disagrees else "would explain"
         further += _named(trials, kind, rig) or named
-    if not any(finding.contradicts for finding in (*further, *channels.disagreeing())):
+    if not (disagrees or any(finding.contradicts for finding in further)):
         further += _cannot_be_felt(unfelt(derivatives, test), rig)
     return diagnose_estimate(result, further, channels)
 
@@ -196,37 +206,31 @@ def _named(changes: Sequence[tuple[Change, float]], kind: Kind, rig: Rig) -> lis
     """
     if not changes:
         return []
-    named = [[named_cause(kind, rig, *pair) for pair in change.items()] for change, _ in changes]
-    best = changes[0][1]
-    alternatives = [
-        findings_of[0]
-        for (_, gain), findings_of in zip(changes, named)
-        if best - gain < quantile(1) ** 2 and findings_of[0].subject != named[0][0].subject
-    ]
-    other = [
-        replace(finding, text=f"or {finding.text} (these cannot be told apart)")
-        for finding in alternatives
-    ]
-    return [*named[0], *other[:1]]
+    (likeliest, best), *others = changes
+    named = [named_cause(kind, rig, *pair) for pair in likeliest.items()]
+    for change, gain in others:
+        other = named_cause(kind, rig, *next(iter(change.items())))
+        if best - gain < quantile(1) ** 2 and other.subject != named[0].subject:
+            text = f"or {other.text} (these cannot be told apart)"
+            return [*named, replace(other, text=text)]
+    return named
 
 
 def _cannot_be_felt(causes: Sequence[Cause], rig: Rig) -> list[Finding]:
     """Return the groups of causes that no sensor tests, each with its drives."""
     drives = dict[str, list[str]]()
-    groups = {"scale": SCALE, "arm": SCALE, "zero": ZERO}
-    of = {sensor.name: sensor for sensor in rig.sensors}
     for cause in causes:
-        sensor = of[cause.channels[0]] if cause.channels else None
-        group = groups.get(cause.kind, COMPLIANCE)
-        if sensor is not None and sensor.measures != "position":
-            group = COMPLIANCE
-        tendon = int(cause.paths[0].split(".")[1]) if cause.paths else 0
-        drive = rig.tendons[tendon].drive if sensor is None else sensor.of
-        drives.setdefault(group, [])
-        if drive not in drives[group]:
-            drives[group].append(drive)
+        group = {"scale": SCALE, "arm": SCALE, "zero": ZERO}.get(cause.kind, COMPLIANCE)
+        if cause.paths:
+            drive = tendon_of(rig, cause).drive
+        else:
+            sensor = sensor_of(rig, cause)
+            drive = sensor.of
+            group = group if sensor.measures == "position" else COMPLIANCE
+        drives.setdefault(group, []).append(drive)
     findings = []
-    for group, named in drives.items():
+    for group, repeated in drives.items():
+        named = dict.fromkeys(repeated)
         of_all = "all drives" if len(named) == len(rig.drives) > 1 else ", ".join(named)
         subject = f"{group} of {of_all}"
         text = f"{subject}: an error there changes the angle but no innovation"
@@ -345,5 +349,4 @@ def not_free(log: Log, rig: Rig) -> list[Finding]:
 
 def _share_outside(readings: Floats, low: float, high: float) -> float:
     finite: Floats = readings[np.isfinite(readings)]
-    outside: Bools = (finite < low) | (finite > high)
-    return float(np.mean(outside)) if len(finite) else 0.0
+    return float(np.mean((finite < low) | (finite > high))) if len(finite) else 0.0

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from distal.diagnosis.causes import UNITS, Cause
-from distal.rig import Rig
+from distal.rig import Rig, Sensor, Tendon
 from distal.units import rounded
 
 Kind = Literal[
@@ -131,6 +131,16 @@ def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:
     return Finding(kind, subject, f"{subject} {verb} {_like(rig, cause, x)}")
 
 
+def sensor_of(rig: Rig, cause: Cause) -> Sensor:
+    """Return the first sensor whose readings a cause changes."""
+    return rig.sensors[rig.sensor_names.index(cause.channels[0])]
+
+
+def tendon_of(rig: Rig, cause: Cause) -> Tendon:
+    """Return the first tendon whose parameters a cause changes."""
+    return rig.tendons[int(cause.paths[0].split(".")[1])]
+
+
 def _like(rig: Rig, cause: Cause, x: float) -> str:
     factor = 1.0 + x
     if cause.kind == "swap":
@@ -143,8 +153,7 @@ def _like(rig: Rig, cause: Cause, x: float) -> str:
     if cause.kind == "arm":
         return f"as if its moment arm were {factor:.3g} times the rig's"
     if cause.kind == "stiffness":
-        tendon = int(cause.paths[0].split(".")[1])
-        return _like_a_stretch(rig.tendons[tendon].drive, 1.0 / factor)
+        return _like_a_stretch(tendon_of(rig, cause).drive, 1.0 / factor)
     if cause.kind in ("friction", "damping"):
         return f"about {factor:.2g} times the rig's"
     return _like_a_scale(rig, cause, 1.0 / factor)
@@ -156,7 +165,7 @@ def _like_a_scale(rig: Rig, cause: Cause, factor: float) -> str:
         if factor > 0.0 and abs(np.log(factor / unit)) < THRESHOLDS.alike:
             return look
     size = abs(factor)
-    sensor = next(sensor for sensor in rig.sensors if sensor.name == cause.channels[0])
+    sensor = sensor_of(rig, cause)
     if factor < 0.0:
         by = "" if abs(np.log(size)) < THRESHOLDS.alike else f", and {size:.2g} times too large"
         side = ", or the side of its tendon," if sensor.measures == "position" else ""

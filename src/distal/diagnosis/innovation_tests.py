@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from statistics import NormalDist
 
 import numpy as np
@@ -77,6 +78,17 @@ def independent(residuals: Floats, time: Floats) -> Floats:
     return values
 
 
+def known_means(values: Floats) -> Floats:
+    """Return the mean of each column over its values that are not NaN, (n,); 0 where none is.
+
+    Args:
+        values: (k, n).
+    """
+    counts = np.maximum(np.isfinite(values).sum(axis=0), 1)
+    means: Floats = np.nansum(values, axis=0) / counts
+    return means
+
+
 @dataclass(frozen=True)
 class ScoreTest:
     """Scores and information of causes.
@@ -100,22 +112,20 @@ class ScoreTest:
         The weight of a channel's values is that of what a cause leaves of them, so that what it
         explains does not count as noise.
         """
+        compared = np.isfinite(self.residuals)
         residuals = np.nan_to_num(self.residuals)
-        counts = np.maximum(np.isfinite(self.residuals).sum(axis=0), 1)
-        inverse = 1.0 / np.maximum(np.sum(residuals**2, axis=0) / counts, 1.0)
+        counts = np.maximum(compared.sum(axis=0), 1)
+        inverse = 1.0 / np.maximum(known_means(self.residuals**2), 1.0)
         sums = np.zeros((len(self.slopes), 3))
         for k, by_cause in enumerate(self.slopes):
-            usable = np.isfinite(self.residuals) & (np.abs(by_cause) < UNBOUNDED)
-            slopes = np.where(usable, by_cause, 0.0)
-            square = float(np.sum(inverse * slopes**2))
+            slopes = np.where(compared & (np.abs(by_cause) < UNBOUNDED), by_cause, 0.0)
+            square = np.sum(inverse * slopes**2)
             if square > 0.0:
-                x = -float(np.sum(inverse * slopes * residuals)) / square
-                left = np.where(np.isfinite(self.residuals), residuals + slopes * x, np.nan)
-                variances = np.maximum(np.nansum(left**2, axis=0) / counts, 1.0)
-                weights = independent(left, self.time) / counts / variances
-                score = -float(np.sum(weights * slopes * residuals))
-                information = float(np.sum(weights * slopes**2))
-                sums[k] = score, information, x
+                x = -np.sum(inverse * slopes * residuals) / square
+                left = self.residuals + slopes * x
+                variances = np.maximum(known_means(left**2), 1.0)
+                weighted = independent(left, self.time) / counts / variances * slopes
+                sums[k] = -np.sum(weighted * residuals), np.sum(weighted * slopes), x
         return sums
 
     @property
@@ -140,9 +150,9 @@ class ScoreTest:
         """
         score, information, _ = self._sums.T
         variances = information + (information * self.stds) ** 2
-        return np.where(
-            information > 0.0, score**2 / np.where(variances > 0.0, variances, 1.0), 0.0
-        )
+        # without information there is no score either
+        statistics: Floats = score**2 / np.where(variances > 0.0, variances, 1.0)
+        return statistics
 
     @property
     def limit(self) -> float:
@@ -185,43 +195,38 @@ class ChannelStatistics:
     """
 
     names: tuple[str, ...]
-    ratios: tuple[float, ...]
-    correlations: tuple[float, ...]
-    since: tuple[float, ...]
-    shares: tuple[float, ...]
-    limits: tuple[float, ...]
+    ratios: Floats
+    correlations: Floats
+    since: Floats
+    shares: Floats
+    limits: Floats
+
+    @property
+    def is_tested(self) -> Bools:
+        """Whether each channel could have disagreed, (m,)."""
+        return (self.ratios >= SMALL) & (self.shares >= THRESHOLDS.never_compared)
 
     @property
     def tested(self) -> tuple[str, ...]:
         """Names of the channels that could have disagreed."""
-        statistics = zip(self.names, self.ratios, self.shares)
-        return tuple(
-            name
-            for name, ratio, share in statistics
-            if ratio >= SMALL and share >= THRESHOLDS.never_compared
-        )
+        return tuple(compress(self.names, self.is_tested))
 
     def disagreeing(self) -> list[Finding]:
         """Return the findings on channels that disagree."""
-        channels = range(len(self.names))
-        large = [i for i in channels if self.ratios[i] > self.limits[i]]
-        coloured = [
-            i
-            for i in channels
-            if self.correlations[i] > THRESHOLDS.coloured
-            and self.ratios[i] > THRESHOLDS.noise_ratio
-        ]
-        several = ", ".join(self.names[i] for i in large or coloured)
-        if len(large) == 1 and np.isfinite(self.since[large[0]]):
-            begin = f"sensor {several} disagrees from {self.since[large[0]]:.0f} s on"
+        large = self.ratios > self.limits
+        coloured = self.correlations > THRESHOLDS.coloured
+        coloured &= self.ratios > THRESHOLDS.noise_ratio
+        several = ", ".join(compress(self.names, large if large.any() else coloured))
+        if large.sum() == 1 and np.isfinite(self.since[large][0]):
+            begin = f"sensor {several} disagrees from {self.since[large][0]:.0f} s on"
             return [Finding("disagrees", several, f"{begin}: its innovations are too large")]
-        if large:
-            verb = "disagrees" if len(large) == 1 else "disagree"
-            size = np.sqrt(max(self.ratios[i] for i in large))
+        if large.any():
+            verb = "disagrees" if large.sum() == 1 else "disagree"
+            size = np.sqrt(self.ratios[large].max())
             text = f"{several} {verb} with the rig: innovations {size:.1f}× larger than normal"
             return [Finding("too large", several, text)]
-        if coloured:
-            largest = max(self.correlations[i] for i in coloured)
+        if several:
+            largest = self.correlations[coloured].max()
             text = f"innovations of {several} are not white (correlation {largest:.1f})"
             text += ": something acts that the rig does not have"
             return [Finding("drifts", several, text)]
@@ -258,37 +263,25 @@ def statistics_of(
     """
     # in the first moments the filter still finds the parameters
     settled = time >= time[0] + min(0.5, 0.1 * float(np.ptp(time)))
-    columns = scaled.T
+    shares = np.isfinite(scaled).mean(axis=0)
     if is_taught:
-        compared = np.isfinite(scaled)
-        return ChannelStatistics(
-            tuple(names),
-            tuple(np.where(compared.any(axis=0), 1.0, np.nan).tolist()),
-            (0.0,) * len(names),
-            (np.nan,) * len(names),
-            tuple(compared.mean(axis=0).tolist()),
-            (np.inf,) * len(names),
-        )
-    likely = [_neighbours(column[settled]) for column in columns]
-    limits = []
-    for column, correlation in zip(columns, likely):
-        count = max(int(np.isfinite(column[settled]).sum()), 1)
-        square = min(correlation**2, 0.99)
-        spread = np.sqrt(2.0 * (1.0 + square) / (1.0 - square) / count)
-        limits.append(THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * float(spread)))
+        ratios = np.where(shares > 0.0, 1.0, np.nan)
+        none, never, beyond = (np.full(len(names), x) for x in (0.0, np.nan, np.inf))
+        return ChannelStatistics(tuple(names), ratios, none, never, shares, beyond)
+    kept = scaled[settled]
+    counts = np.isfinite(kept).sum(axis=0)
+    correlations = np.array([_neighbours(column) for column in kept.T])
+    squares = np.minimum(correlations**2, 0.99)
+    spreads = np.sqrt(2.0 * (1.0 + squares) / (1.0 - squares) / np.maximum(counts, 1))
+    limits = THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * spreads)
     return ChannelStatistics(
         tuple(names),
-        tuple(_mean(column[settled] ** 2) for column in columns),
-        tuple(likely),
-        tuple(_since(time, column, limit) for column, limit in zip(columns, limits)),
-        tuple(float(np.mean(np.isfinite(column))) for column in columns),
-        tuple(limits),
+        np.where(counts > 0, known_means(kept**2), np.nan),
+        correlations,
+        np.array([_since(time, *channel) for channel in zip(scaled.T, limits)]),
+        shares,
+        limits,
     )
-
-
-def _mean(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.mean(finite)) if len(finite) else float("nan")
 
 
 def _neighbours(values: Floats) -> float:
@@ -423,8 +416,7 @@ class Diagnosis:
         elif not self.tested:
             parts += [f.text for f in small] or ["not tested: hardly anything could be compared"]
         else:
-            shares = zip(self.channels.names, self.channels.shares)
-            least = min(share for name, share in shares if name in self.tested)
+            least = self.channels.shares[self.channels.is_tested].min()
             verb = "agrees" if len(self.tested) == 1 else "agree"
             compared = f"{100 * least:.0f} % compared"
             agree = f"{', '.join(self.tested)} {verb} with the rig, {compared}"
