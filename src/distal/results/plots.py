@@ -18,19 +18,10 @@ from typing import TYPE_CHECKING, Protocol, TypedDict
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import OutputError
-from distal.logs import write_whole
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-from typing import TYPE_CHECKING
-
 from distal.confidence import BAND, COVERED_TEXT
-from distal.errors import did_you_mean
-from distal.logs import Log
-from distal.rig import Rig, Sensor
+from distal.errors import OutputError, did_you_mean
+from distal.logs import Log, write_whole
+from distal.rig import Rig
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -383,7 +374,11 @@ def draw_innovations(axes: Axes, result: Curves) -> None:
 
 def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     """Draw the forces and motor torques at the drives and the tensions that a log has."""
-    sensors = pulls_of(log, rig)
+    sensors = [
+        sensor
+        for sensor in rig.sensors
+        if sensor.measures in ("force", "tension") and sensor.name in log.channels
+    ]
     for i, sensor in enumerate(sensors):
         force = log.channels[sensor.name]
         style = curve_style(i)
@@ -394,25 +389,11 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     _finish(axes, "" if sensors else "no force is measured")
 
 
-def pulls_of(log: Log, rig: Rig) -> list[Sensor]:
-    """Return the sensors of forces, motor torques and tensions whose readings a log has."""
-    return [
-        sensor
-        for sensor in rig.sensors
-        if sensor.measures in ("force", "tension") and sensor.name in log.channels
-    ]
-
-
 def _finish(axes: Axes, text: str) -> None:
     """Put the legend above a panel, and a text that says why it is empty into its middle."""
     legend_above(axes, most=6)
     middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
     axes.text(0.5, 0.5, text, color=SOFT, **middle)
-
-
-def in_order(words: Iterable[str]) -> list[str]:
-    """Return the health words that occur, "ok" first, the others by the alphabet."""
-    return sorted(set(words), key=lambda word: (word != "ok", word))
 
 
 SHADED = {"touched": FAINT, "outside": PALE}
@@ -427,13 +408,13 @@ def _spans(time: Floats, health: Sequence[str], word: str) -> list[tuple[float, 
 
 
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
-    """Draw as bars, in one row for each health word, when the word held.
+    """Draw as bars, in one row for each health word, "ok" first, when the word held.
 
     Args:
         time: time since the first sample [s], (k,).
         health: the health word of each sample, (k,).
     """
-    words = in_order(health)
+    words = sorted(set(health), key=lambda word: (word != "ok", word))
     for row, word in enumerate(words):
         spans = _spans(time, health, word)
         axes.broken_barh(
@@ -667,7 +648,8 @@ def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
     truth = _truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]
-    lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
+    every = np.concatenate(curves)
+    lowest, highest = np.nanmin(every), np.nanmax(every)
     low, high = axes.get_ylim()
     room = 0.3 * max(highest - lowest, 1.0)
     axes.set_ylim(max(low, lowest - room), min(high, highest + room))

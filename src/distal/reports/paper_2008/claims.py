@@ -22,7 +22,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.reports.page import resource
 from distal.results import Estimate
-from distal.rig import Rig, load_rig, tendon_angle_name
+from distal.rig import Rig, load_rig, number, tendon_angle_name
 from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig
 from distal.simulation.simulate import motions_of, prepare, sampled
@@ -78,16 +78,10 @@ def observed_values() -> dict[str, object]:
     rig = load_rig("paper-2008-observed")
     axle = rig.joints[0].friction
     assert axle is not None
-    values: dict[str, object] = {
-        "joints.0.friction.preload": axle.preload.value,
-        "joints.0.friction.exponent": axle.exponent.value,
-        "joints.0.friction.reference": axle.reference,
-    }
-    for i, drive in enumerate(rig.drives):
-        assert drive.friction is not None
-        values[f"drives.{i}.friction.constant"] = drive.friction.constant.value
-        values[f"drives.{i}.friction.load"] = drive.friction.load.value
-    return values
+    numbers = ["joints.0.friction.preload", "joints.0.friction.exponent"]
+    numbers += [f"drives.{i}.friction.{key}" for i in (0, 1) for key in ("constant", "load")]
+    values: dict[str, object] = {path: number(rig, path).value for path in numbers}
+    return values | {"joints.0.friction.reference": axle.reference}
 
 
 PLANTS = (
@@ -280,9 +274,7 @@ def statements() -> tuple[Statement, ...]:
 
 def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:
     """Return key of a statement → values of its measures, from the runs of one plant."""
-    return {
-        key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()
-    }
+    return {key: measure(runs) for key, measure in _MEASURES.items()}
 
 
 @dataclass(frozen=True)
@@ -394,27 +386,25 @@ def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
 
 
 def _c4(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
-    truths = [run.log.truth for run in _of(runs, "series-1-soft")]
     motions = [
-        hidden_motion(truth["theta"], truth[f"position_{side}"])
-        for truth in truths
+        hidden_motion(run.log.truth["theta"], run.log.truth[f"position_{side}"])
+        for run in _of(runs, "series-1-soft")
         for side in SIDES
     ]
     return (float(np.rad2deg(max(motions))),)
 
 
-def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> float:
-    """Return the largest change of the joint angle while a slider stays where it is [rad].
+def hidden_motion(theta: Floats, position: Floats) -> float:
+    """Return the largest change of the joint angle while a slider stays within 0.1 mm [rad].
 
     Args:
         theta: joint angle [rad], (n,).
         position: position of the slider [m], (n,).
-        within: range in which the slider counts as staying [m].
     """
     largest = 0.0
     start = 0
     for end in range(len(theta)):
-        while np.ptp(position[start : end + 1]) > within:
+        while np.ptp(position[start : end + 1]) > 1e-4:
             start += 1
         largest = max(largest, float(np.ptp(theta[start : end + 1])))
     return largest
@@ -430,16 +420,12 @@ def _ratio(
 
 
 def _c8(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
-    low, high = (
-        float(
-            np.rad2deg(
-                np.mean(
-                    [run.estimates["simulation"].errors()[-50:].mean() for run in _of(runs, series)]
-                )
-            )
-        )
-        for series in ("series-2", "series-2-high")
-    )
+    def beyond(series: str) -> float:
+        """Return the error of the free simulation at the end [°]."""
+        errors = [run.estimates["simulation"].errors()[-50:] for run in _of(runs, series)]
+        return float(np.rad2deg(np.mean(errors)))
+
+    low, high = beyond("series-2"), beyond("series-2-high")
     return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
 
 

@@ -5,45 +5,50 @@ The files of the reproduction: figures, results and a page on the 2008 paper.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.confidence import BAND, COVERED_TEXT
-from distal.reports.paper_2008.claims import PLANTS, SIDES, SeriesRun, potentiometer_errors
-from distal.results import (
-    BLACK,
-    SOFT,
-    TRUTH,
-    band_colour,
-    curve_style,
-    figure,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-import json
-from collections.abc import Callable
-from html import escape
-from pathlib import Path
-
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.reports.page import heading, page, paragraph, picture, svg_of
 from distal.reports.paper_2008.claims import (
     GROUPS,
+    PLANTS,
     SEEDS,
     SERIES_2,
+    SIDES,
     TESTS,
     Claim,
+    SeriesRun,
     all_runs,
     measure_claims,
+    potentiometer_errors,
     rms,
 )
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Html, figure_bytes, html_table, make_folder, verdict
+from distal.results import (
+    BLACK,
+    SOFT,
+    TRUTH,
+    Html,
+    band_colour,
+    curve_style,
+    figure,
+    figure_bytes,
+    html_table,
+    make_folder,
+    verdict,
+)
 from distal.rig import load_rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FIGURES = {
     "figure-2": "series-1-soft",
@@ -76,13 +81,6 @@ AFTER = 0.4
 """Time that the figures show after the link has come to rest [s]. Source: layout."""
 
 
-def first_run(runs: Sequence[SeriesRun], series: str, plant: str) -> SeriesRun:
-    """Return the run of a series on a plant with the first seed, which is the one in the
-    figures.
-    """
-    return next(run for run in runs if run.series == series and run.plant == plant)
-
-
 def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     """Return the time at which the figures of some runs end [s]: `AFTER` the link has come to rest
     in all.
@@ -100,11 +98,13 @@ def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
 
     Curves are of the first seed.
     """
-    shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
+    shown = [
+        next(run for run in runs if (run.series, run.plant) == (FIGURES[name], plant.name))
+        for plant in PLANTS
+    ]
     n = len(shown)
-    ratios = [1.6, 1]
-    with figure(2, n, (7.2, 5.2), sharex=True, sharey="row", height_ratios=ratios) as drawn:
-        drawing, axes = drawn
+    layout = {"sharex": True, "sharey": "row", "height_ratios": [1.6, 1]}
+    with figure(2, n, (7.2, 5.2), **layout) as (drawing, axes):
         for top, bottom, run in zip(axes[:n], axes[n:], shown):
             readings = np.rad2deg(run.log.channels["encoder"])
             style = {"color": SOFT, "linewidth": 2.2, "drawstyle": "steps-post"}
@@ -207,10 +207,8 @@ def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
     files = dict[Path, bytes | str]()
     for name, caption in CAPTIONS.items():
         drawing = draw_figure(name, runs)
-        files |= {
-            path: figure_bytes(drawing, path)
-            for path in (folder / f"{name}.png", folder / f"{name}.svg")
-        }
+        for path in (folder / f"{name}.png", folder / f"{name}.svg"):
+            files[path] = figure_bytes(drawing, path)
         titled = f"{name.replace('-', ' ').capitalize()}. {caption}"
         pictures.append(picture(svg_of(drawing, caption), titled))
         advance()
