@@ -49,6 +49,9 @@ OUTLIER = Robustness().wild_force
 Change = Mapping[Cause, float]
 """Size of each cause that is changed in a run."""
 
+Gains = list[tuple[Change, float]]
+"""Changes with their gains in −2 ln p, the likeliest first."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -71,8 +74,7 @@ class Outcome:
     @property
     def normalized(self) -> Floats:
         """ν/√S, (k, m)."""
-        normalized: Floats = self.innovations / np.sqrt(self.innovation_variances)
-        return normalized
+        return self.innovations / np.sqrt(self.innovation_variances)
 
     def log_likelihoods(self) -> Floats:
         """Return ln p of a value of each channel in the mean, (m,), without a constant; an outlier
@@ -165,19 +167,16 @@ class PerturbedRuns:
         samples = self._run.samples.copy()
         p = np.array(estimator.parameters)
         for cause, x in change.items():
-            columns = [estimator.channels.index(name) for name in cause.channels]
-            cause.apply(x, samples, columns, self.log.time)
+            cause.apply(x, samples, estimator.channels, self.log.time)
             for path in cause.paths:
                 for name in (path, *starts_of(estimator, path)):
                     p[names.index(name)] *= 1.0 + x
         if not change:
             return self._run.start, samples, p
         samples = np.where(np.abs(samples) > LARGEST_READING, np.nan, samples)
-        first = first_values(samples)
-        begin = estimator.initial(self.log.time[0], first)
-        mean, covariance, memory = estimator.prior(first, p)
+        mean, covariance, memory = estimator.prior(first_values(samples), p)
         kernel_state = np.concatenate([mean, covariance.ravel(), memory])
-        return replace(begin, kernel_state=kernel_state), samples, p
+        return replace(self._run.start, kernel_state=kernel_state), samples, p
 
 
 @dataclass(frozen=True)
@@ -314,7 +313,7 @@ class Search:
         if self._of_truth:
             nearest = min(
                 (outcome for _, outcome in outcomes),
-                key=lambda outcome: float(max(self._squares(outcome))),
+                key=lambda outcome: max(self._squares(outcome)),
             )
             self._count = self._independent(nearest)
         trials = self._best(self._weighed(outcomes))
@@ -445,9 +444,8 @@ LONGEST_DELAY = 0.3
 """Largest delay of a reading [s]. Source: layout."""
 
 
-def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
-    """Return the changes of readings that take off most of what is not as in free motion, each with
-    its gain in −2 ln p, the likeliest first.
+def wrong_readings(log: Log, rig: Rig) -> Gains:
+    """Return the changes of readings that take off most of what is not as in free motion.
 
     Args:
         log: of the rig.
@@ -464,7 +462,7 @@ def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
     def judged(cause: Cause, x: float) -> tuple[float, float]:
         """Return the cost of a change, and the share of the log that is not as in free motion."""
         samples = readings.copy()
-        cause.apply(x, samples, [names.index(name) for name in cause.channels], time)
+        cause.apply(x, samples, names, time)
         is_read = np.isfinite(samples)
         squares, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
         squares = np.where(outside > 0.0, MOST, np.minimum(squares, MOST))
@@ -479,7 +477,7 @@ def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
         costs = {x: judged(cause, x)[0] for x in (*cause.tried, *_sizes(cause, readings, names))}
         if costs:
             tried.append((cause, *min(costs.items(), key=lambda pair: pair[1])))
-    trials = list[tuple[Change, float]]()
+    trials: Gains = []
     for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
         if size not in cause.tried:
             others = _sizes(cause, readings, names)

@@ -117,15 +117,16 @@ class Cause:
         """
         return float(np.log(max(abs(1.0 + x), 1e-300))) if self.kind == "scale" else 0.0
 
-    def apply(self, x: float, samples: Floats, columns: Sequence[int], time: Floats) -> None:
+    def apply(self, x: float, samples: Floats, names: Sequence[str], time: Floats) -> None:
         """Change readings in place.
 
         Args:
             x: size of the change.
             samples: readings, (k, n).
-            columns: index of each of the `channels`.
+            names: of their channels, (n,).
             time: stamps [s], (k,).
         """
+        columns = [names.index(name) for name in self.channels]
         readings = samples[:, columns]
         if self.kind == "scale":
             samples[:, columns] = (1.0 + x) * readings

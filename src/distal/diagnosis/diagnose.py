@@ -14,6 +14,7 @@ from distal.confidence import BAND, COVERED
 from distal.diagnosis.cause_search import (
     UNFELT,
     Change,
+    Gains,
     Outcome,
     PerturbedRuns,
     Search,
@@ -99,7 +100,7 @@ def diagnose(
         *outside,
         *unlike,
     ]
-    wrong = list[tuple[Change, float]]()
+    wrong: Gains = []
     if what_if and result.is_taught and (unlike or outside) and not stuck:
         wrong = wrong_readings(log, rig)
     named = _named(wrong, "looks like", rig)
@@ -162,8 +163,8 @@ def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Findin
 
 def _explained(
     runs: PerturbedRuns, base: Outcome, changes: Sequence[Change], ways: Sequence[bool]
-) -> list[tuple[Change, float]]:
-    """Return the changes that explain something, with their gains, by the first way that finds
+) -> Gains:
+    """Return the changes that explain something by the first way that finds
     any: by known angles, or by innovations, of which none may disagree then.
     """
     for of_truth in ways:
@@ -195,12 +196,12 @@ def _channels(runs: PerturbedRuns, outcome: Outcome) -> ChannelStatistics:
     return statistics_of(estimator.measured, outcome.normalized, runs.log.time, is_taught=is_taught)
 
 
-def _named(changes: Sequence[tuple[Change, float]], kind: Kind, rig: Rig) -> list[Finding]:
+def _named(changes: Gains, kind: Kind, rig: Rig) -> list[Finding]:
     """Return the likeliest causes in words: one, two that are wrong together, or two that cannot be
     told apart.
 
     Args:
-        changes: with their gains in −2 ln p, the likeliest first.
+        changes: that explain something.
         kind: of the findings.
         rig: of the log.
     """
@@ -348,5 +349,5 @@ def not_free(log: Log, rig: Rig) -> list[Finding]:
 
 
 def _share_outside(readings: Floats, low: float, high: float) -> float:
-    finite: Floats = readings[np.isfinite(readings)]
+    finite = readings[np.isfinite(readings)]
     return float(np.mean((finite < low) | (finite > high))) if len(finite) else 0.0

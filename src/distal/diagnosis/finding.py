@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from distal.diagnosis.causes import UNITS, Cause
 from distal.rig import Rig, Sensor, Tendon
 from distal.units import rounded
+
+Silent = Literal["hardly compared", "not tested", "cannot test", "would explain"]
+"""Kinds of findings that speak neither against the rig nor for it: what the log does not test, and
+what would explain an error that the band allows.
+"""
 
 Kind = Literal[
     "against the truth",
@@ -23,19 +28,9 @@ Kind = Literal[
     "looks like",
     "out of range",
     "not free",
-    "hardly compared",
-    "not tested",
-    "cannot test",
-    "would explain",
+    Silent,
 ]
-"""Kinds of findings. The last four are no contradictions: what the log does not test, and what
-would explain an error that the band allows.
-"""
-
-SILENT: frozenset[Kind] = frozenset(
-    {"hardly compared", "not tested", "cannot test", "would explain"}
-)
-"""Kinds of findings that speak neither against the rig nor for it."""
+"""Kinds of findings."""
 
 SCALE = "gear, spool, moment arm, unit or sign"
 """Group of causes that scale the position of a drive alike; nothing proximal tells them apart."""
@@ -118,7 +113,7 @@ class Finding:
     @property
     def contradicts(self) -> bool:
         """Whether the finding speaks against the rig, the sensors or the band."""
-        return self.kind not in SILENT
+        return self.kind not in get_args(Silent)
 
 
 def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:

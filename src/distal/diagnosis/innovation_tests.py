@@ -59,8 +59,7 @@ def span_sums(values: Floats, time: Floats) -> Floats:
         time: stamps [s], (k,).
     """
     starts = np.searchsorted(time, np.arange(time[0], time[-1] + 1e-9, SPAN))
-    sums: Floats = np.add.reduceat(np.nan_to_num(values), np.unique(starts), axis=0)
-    return sums
+    return np.add.reduceat(np.nan_to_num(values), np.unique(starts), axis=0)
 
 
 def independent(residuals: Floats, time: Floats) -> Floats:
@@ -133,15 +132,13 @@ class ScoreTest:
         """Change of each cause alone that makes the residuals least, (n,); zero where nothing
         depends on it.
         """
-        estimates: Floats = self._sums[:, 2]
-        return estimates
+        return self._sums[:, 2]
 
     @property
     def standard_errors(self) -> Floats:
         """Standard error of the estimates, 1/√I, (n,); infinite where nothing depends on it."""
         with np.errstate(divide="ignore"):
-            errors: Floats = 1.0 / np.sqrt(self._sums[:, 1])
-        return errors
+            return 1.0 / np.sqrt(self._sums[:, 1])
 
     @property
     def statistics(self) -> Floats:
@@ -441,8 +438,8 @@ def diagnose_estimate(
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
-    ranks: list[Sequence[Kind]] = [("against the truth",), ("looks like", "cannot be there")]
-    truth, looks = ([f for f in further if f.kind in kinds] for kinds in ranks)
+    truth = [finding for finding in further if finding.kind == "against the truth"]
+    looks = [finding for finding in further if finding.kind in ("looks like", "cannot be there")]
     disagreeing = channels.disagreeing()
     findings = [
         *truth,
