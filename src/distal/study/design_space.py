@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import exp, log
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from zlib import crc32
@@ -156,8 +155,7 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path = Pat
     def position(name: str) -> str | Path:
         return beside / name if name.endswith(".toml") else name
 
-    rig = load_rig(position(study.rig))
-    rig = rig.with_values(study.set) if study.set else rig
+    rig = load_rig(position(study.rig)).with_values(study.set)
     joints = rig.joint_names
     if study.requirement.joint not in joints:
         name = study.requirement.joint
@@ -165,12 +163,12 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path = Pat
             f"{source}: requirement.joint: the rig has no joint "
             f"'{name}'{did_you_mean(name, joints)}"
         )
-    scenarios = [load_scenario(position(name)) for name in study.scenarios]
-    if study.duration is not None:
-        scenarios = [
-            scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios
-        ]
-    for name, scenario in zip(study.scenarios, scenarios):
+    scenarios = list[Scenario]()
+    for name in study.scenarios:
+        scenario = load_scenario(position(name))
+        if study.duration is not None:
+            scenario = scenario.model_copy(update={"duration": study.duration})
+        scenarios.append(scenario)
         try:
             prepare(rig, scenario)
         except DistalError as problem:  # every run would fail for it
@@ -309,7 +307,7 @@ class Axis:
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         if self.scale == "log":
-            return exp(log(self.low) + share * (log(self.high) - log(self.low)))
+            return float(self.low * (self.high / self.low) ** share)
         return self.low + share * (self.high - self.low)
 
 
@@ -396,10 +394,9 @@ class Space:
         """Return the indices of the designs in chunks of about `size` runs; designs with the same
         choices are next to each other.
         """
-        columns = [i for i, axis in enumerate(self.axes) if axis.choices]
-        counts = np.array([len(self.axes[i].choices) for i in columns])
-        choices = np.minimum(self.shares[:, columns] * counts, counts - 1).astype(int)
-        order = np.lexsort(choices.T[::-1]) if columns else np.arange(len(self))
+        counts = np.array([len(axis.choices) or 1 for axis in self.axes])
+        choices = np.minimum(self.shares * counts, counts - 1).astype(int)
+        order = np.lexsort(choices.T[::-1]) if self.axes else np.arange(len(self))
         length = max(1, size // runs_per_design)
         return [
             tuple(order[start : start + length].tolist()) for start in range(0, len(self), length)
@@ -431,7 +428,7 @@ def space_of(plan: Plan) -> Space:
         )
     if not axes:
         return Space((), np.zeros((study.designs, 0)))
-    size = study.designs * len(axes) * np.dtype(np.float64).itemsize
+    size = 8 * study.designs * len(axes)  # bytes
     if size > memory_limit():
         raise StudyError(
             f"{study.designs:,} designs take {size / 1e9:.3g} GB, {memory_limit() / 1e9:.3g} GB "
@@ -447,6 +444,6 @@ def rig_of(rig: Rig, design: Design) -> Rig:
     values = {
         path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))
     }
-    changed = rig.with_values(values) if values else rig
+    changed = rig.with_values(values)
     kept = tuple(sensor for sensor in changed.sensors if sensor.name not in off)
-    return changed.model_copy(update={"sensors": kept}) if off else changed
+    return changed.model_copy(update={"sensors": kept})

@@ -169,10 +169,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
     the tasks.
     """
     outcomes: dict[int, Outcome] = {}
-    rigs = [
-        plan.rig.with_values({**s.set, **plan.study.set}) if s.set else plan.rig
-        for s in plan.scenarios
-    ]
+    rigs = [plan.rig.with_values({**s.set, **plan.study.set}) for s in plan.scenarios]
     setups = dict[tuple[int, int], _Setup]()
     plants = dict[tuple[int, int, str], list[tuple[int, _Setup, Prepared]]]()
     for k, task in enumerate(tasks):
@@ -326,8 +323,7 @@ class Folder:
         import pyarrow.parquet as pq
 
         table = pa.concat_tables(map(pq.read_table, self.chunks.values()))
-        order = [(name, "ascending") for name in ("design", "seed", "scenario")]
-        table = table.sort_by(order)
+        table = table.sort_by([(key, "ascending") for key in ("design", "seed", "scenario")])
         write_whole(self.path / "rows.parquet", _bytes(table))
         return {name: table[name].to_numpy() for name in table.column_names}
 
