@@ -307,9 +307,8 @@ def sizes(
         truths: known angles of the joints, (k, n_joints) [rad].
         causes: to be sized.
     """
-    paths = sorted({path for cause in causes for path in cause.paths})
     sized = dict[Cause, list[float]]()
-    for drive in _drives(estimator, log, truths, paths):
+    for drive in _drives(estimator, log, truths):
         for cause in causes:
             column = _column(cause, drive, log.time)
             if column is not None and np.isfinite(column + drive.residual).any():
@@ -317,16 +316,12 @@ def sizes(
     return sized
 
 
-def _drives(
-    estimator: AdaptiveFilter, log: Log, truths: Floats, paths: Sequence[str]
-) -> Iterator[_Drive]:
+def _drives(estimator: AdaptiveFilter, log: Log, truths: Floats) -> Iterator[_Drive]:
     rig = estimator.rig
     mechanism = estimator.states.context.mechanism
     parameters = mechanism.parameters
     symbols = parameters.symbols
     values = estimator.parameters[: symbols.numel()]
-    names = [path for path in paths if path in parameters.names]
-    at = [parameters.names.index(path) for path in names]
     q = ca.SX.sym("q", mechanism.n_bodies)
     pull = ca.SX.sym("pull")
     for sensor in rig.sensors_of("position"):
@@ -347,16 +342,15 @@ def _drives(
         home = ca.substitute(stretch, q, ca.SX.zeros(q.numel()))
         softened = pull / stiffness
         expected = home - stretch + softened - standing / stiffness
-        slopes = ca.jacobian(expected, symbols[at]) * symbols[at].T
+        slopes = ca.jacobian(expected, symbols) * symbols.T
         function = ca.Function("position", [q, pull, symbols], [expected, softened, slopes])
         forces = (s.name for s in rig.sensors_of("force") if s.of == sensor.of)
         force = next((name for name in forces if name in log.channels), "")
         pulls = log.channels.get(force, np.zeros(len(log)))
         expect, soft, by = map(np.array, function(angles, pulls[None, :], values))
         reading = log.channels[sensor.name]
-        columns = by.reshape(len(log), len(at)).T
-        residual = reading - expect.ravel()
-        yield _Drive(sensor, force, residual, reading, soft.ravel(), dict(zip(names, columns)))
+        columns = dict(zip(parameters.names, by.reshape(len(log), -1).T))
+        yield _Drive(sensor, force, reading - expect.ravel(), reading, soft.ravel(), columns)
 
 
 def _column(cause: Cause, drive: _Drive, time: Floats) -> Floats | None:

@@ -313,10 +313,9 @@ def _left(estimate: Estimate) -> list[Finding]:
     spreads = np.sqrt(estimate.variances[-1])
     away = np.abs(ends - means)
     left = dict[str, Finding]()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        # NaN: a state that is meant to move
-        order = np.flatnonzero((stds > 0.0) & (away - spreads > LARGE_PRIOR * stds))
-        order = order[np.argsort(-away[order] / stds[order], kind="stable")]
+    # NaN: a state that is meant to move
+    order = np.flatnonzero((stds > 0.0) & (away - spreads > LARGE_PRIOR * stds))
+    order = order[np.argsort(-away[order] / stds[order], kind="stable")]
     for i in order:
         # the weights of a sensor's linearity are one thing
         is_linearity = estimate.state_kinds[i] is StateKind.LINEARITY
@@ -346,9 +345,8 @@ def _friction(estimate: Estimate) -> list[Finding]:
     findings = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
         friction = estimate.means[-1, i]
-        std = np.sqrt(estimate.variances[-1, i])
-        prior = np.sqrt(estimate.variances[0, i])
-        if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
+        prior, std = np.sqrt(estimate.variances[[0, -1], i])
+        if kind is StateKind.FRICTION and friction > max(0.25 * prior, 3.0 * std):
             size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
             text = f"{size} (set drives.{drive}.friction, or a hand acts)"
             findings.append(Finding("friction", drive, text))
