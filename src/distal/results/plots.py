@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypedDict
@@ -197,12 +197,13 @@ class Curves(Protocol):
         """Variances S of the innovations, (k, m)."""
 
 
-def styled() -> AbstractContextManager[None]:
-    """Return a context in which matplotlib draws axes and legends in this style."""
+@contextmanager
+def styled() -> Iterator[None]:
+    """Let matplotlib draw axes and legends in this style."""
     import matplotlib
 
-    context: AbstractContextManager[None] = matplotlib.rc_context(STYLE)
-    return context
+    with matplotlib.rc_context(STYLE):
+        yield
 
 
 @contextmanager
@@ -548,17 +549,21 @@ def _draw_joint(
     top, below = axes
     first = estimates[0]
     truth = _truth_of(first, joint)
+    since = from_start(first.time)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
-        (line,) = top.plot(from_start(first.time), np.rad2deg(truth), **TRUTH)
+        (line,) = top.plot(since, np.rad2deg(truth), **TRUTH)
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
-        handle = _draw_estimate(top, estimate, i, joint)
+        theta = np.rad2deg(estimate.angles[:, joint])
+        half = _half_width(estimate, joint)
+        time = from_start(estimate.time)
+        band = _shade(top, time, theta - half, theta + half, i)
+        handle = band, *top.plot(time, theta, linewidth=1.2, **curve_style(i))
         entries.append((handle, f"{estimate.estimator}, {COVERED_TEXT} band"))
     _limit_angles(top, estimates, joint)
-    time = from_start(first.time)
     for word, grey in SHADED.items():
-        spans = _spans(time, health or (), word)
+        spans = _spans(since, health or (), word)
         if spans:
             bars = top.broken_barh(
                 spans,
@@ -576,8 +581,8 @@ def _draw_joint(
         _draw_errors(below, estimates, joint)
         return
     for i, estimate in enumerate(estimates):
-        time = from_start(estimate.time)
-        below.plot(time, _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
+        half = _half_width(estimate, joint)
+        below.plot(from_start(estimate.time), half, linewidth=1.0, **curve_style(i))
     below.set_ylim(bottom=0.0)
     below.set_ylabel(f"{COVERED_TEXT} band ± [°]")
 
@@ -589,7 +594,8 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     drawn = []
     for i, estimate in enumerate(estimates):
         time = from_start(estimate.time)
-        error = _error(estimate, joint)
+        truth = _truth_of(estimate, joint)
+        error = np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
         half = _half_width(estimate, joint)
         _shade(axes, time, -half, half, i)
         axes.plot(time, error, linewidth=1.0, **curve_style(i))
@@ -607,29 +613,9 @@ def _truth_of(estimate: Curves, joint: int) -> Floats | None:
     return estimate.truths[:, joint]
 
 
-def _error(estimate: Curves, joint: int) -> Floats:
-    """Return a joint's error [°], NaN where its truth is not known."""
-    truth = _truth_of(estimate, joint)
-    return np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
-
-
 def _half_width(estimate: Curves, joint: int) -> Floats:
     """Return the half-width of a joint's band [°]."""
     return np.rad2deg(BAND * estimate.angle_stds[:, joint])
-
-
-def _draw_estimate(axes: Axes, estimate: Curves, index: int, joint: int) -> Artist:
-    """Draw one joint's estimate and its band [°]; return the handle for a legend.
-
-    Args:
-        index: which colour and dash the curve has, from 0.
-        joint: index of the joint.
-    """
-    theta = np.rad2deg(estimate.angles[:, joint])
-    half = _half_width(estimate, joint)
-    time = from_start(estimate.time)
-    band = _shade(axes, time, theta - half, theta + half, index)
-    return band, *axes.plot(time, theta, linewidth=1.2, **curve_style(index))
 
 
 def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from itertools import pairwise
 from math import degrees
 
@@ -104,7 +104,7 @@ def parts_of(plan: Plan, axis: Axis, columns: Columns) -> Parts:
     ]
 
 
-class Verdict(Enum):
+class Verdict(StrEnum):
     """Whether one thing that varies is needed, as far as the rows say.
 
     `SOME`: some of its choices or parts meet the requirement. `NOT_ENOUGH`: none does.
@@ -185,7 +185,7 @@ def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
             if sensor_of(need.name) and need.verdict is verdict
         ]
         if names:
-            listed.append(f"{verdict.value}: {', '.join(names)}")
+            listed.append(f"{verdict}: {', '.join(names)}")
     return "; ".join(listed)
 
 

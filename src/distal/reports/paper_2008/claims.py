@@ -68,7 +68,7 @@ class Plant:
         Args:
             series: name of the scenario, one of `SERIES_1` or `SERIES_2`.
         """
-        return load_scenario(series).model_copy(update={"plant": dict(self.values)})
+        return load_scenario(series).model_copy(update={"plant": self.values})
 
 
 def observed_values() -> dict[str, object]:

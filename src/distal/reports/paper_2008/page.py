@@ -88,8 +88,8 @@ def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     ends = []
     for run in shown:
         theta = run.log.truth["theta"]
-        moving = np.flatnonzero(np.abs(theta - theta[-1]) > np.deg2rad(0.1))
-        ends.append(float(run.log.time[moving[-1]]) if len(moving) else 0.0)
+        moving = np.abs(theta - theta[-1]) > np.deg2rad(0.1)
+        ends.append(run.log.time[moving].max(initial=0.0))
     return float(min(max(ends) + AFTER, shown[0].log.time[-1]))
 
 
