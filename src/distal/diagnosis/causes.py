@@ -205,10 +205,8 @@ def _zero_std(rig: Rig, sensor: Sensor) -> float:
     """Return the std of the zero of a sensor: its own, and for a position that of the stretch by
     pre-tension [SI].
     """
-    bias = getattr(sensor, "bias", None)
-    bias_std = 0.0 if bias is None else bias.total_std
     if sensor.measures != "position":
-        return bias_std
+        return sensor.bias.total_std
     drive = rig.drive(sensor.of)
     lever = drive.radius.value if drive.kind == "capstan" else 1.0
     stretches = [
@@ -216,16 +214,16 @@ def _zero_std(rig: Rig, sensor: Sensor) -> float:
         for tendon in rig.tendons_of(sensor.of)
         if tendon.stiffness.value > 0.0
     ]
-    return float(np.hypot(bias_std, max(stretches, default=0.0)))
+    return float(np.hypot(sensor.bias.total_std, max(stretches, default=0.0)))
 
 
 def _of_rig(estimator: AdaptiveFilter) -> Iterator[Cause]:
     rig = estimator.rig
     for drive in rig.drives:
         pulled = [(i, tendon) for i, tendon in enumerate(rig.tendons) if tendon.drive == drive.name]
-        forces = [sensor.name for sensor in rig.sensors_of("force") if sensor.of == drive.name]
+        forces = (sensor.name for sensor in rig.sensors_of("force") if sensor.of == drive.name)
         stiffnesses = [f"tendons.{i}.stiffness" for i, _ in pulled]
-        subject = forces[0] if forces else f"the force of {drive.name}"
+        subject = next(forces, f"the force of {drive.name}")
         yield from _of(estimator, "stiffness", subject, stiffnesses)
         joints = dict.fromkeys(name for _, tendon in pulled for name in tendon.joints)
         # at a single joint, arm, spool and gear are the scale of the drive's position

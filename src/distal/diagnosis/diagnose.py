@@ -93,13 +93,7 @@ def diagnose(
     stuck = stuck_positions(log, rig)
     unlike = not_free(log, rig)
     outside = out_of_range(log, _learned_range(rig))
-    further = [
-        *truth,
-        *elsewhere(log, rig),
-        *stuck,
-        *outside,
-        *unlike,
-    ]
+    further = truth + elsewhere(log, rig) + stuck + outside + unlike
     wrong: Gains = []
     if what_if and result.is_taught and (unlike or outside) and not stuck:
         wrong = wrong_readings(log, rig)
@@ -119,18 +113,17 @@ def diagnose(
     disagrees = bool(channels.disagreeing())
     wide = not (result.truths is None or truth or result.is_taught)
     is_searched = not stuck and bool(truth or disagrees or wide)
-    derivatives = derivatives_of(
-        runs, causes if is_searched else [cause for cause in causes if cause.kind in UNFELT]
-    )
+    asked = [cause for cause in causes if is_searched or cause.kind in UNFELT]
+    derivatives = derivatives_of(runs, asked)
     if not derivatives.base.bounded:
         return diagnose_estimate(result, further + named)
     test = derivatives.test(of_truth=False)
     if is_searched:
-        sized = _sized(runs, derivatives.causes)
+        sized = _sized(runs, asked)
         tests = [test]
         if runs.truths is not None:
             tests.append(derivatives.test(of_truth=True))
-        changes = candidates(derivatives.causes, sized, tests)
+        changes = candidates(asked, sized, tests)
         # what disagrees is explained, else an error that the band allows
         ways = [True] * bool(truth) + [False] * disagrees + [True] * wide
         trials = _explained(runs, derivatives.base, changes, ways)

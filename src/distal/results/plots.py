@@ -489,7 +489,21 @@ def plot_estimates(
             column[1].tick_params(labelbottom=not panels or joints > 1)
         for row, panel in enumerate(panels, start=2):
             position = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
-            _draw_panel(position, panel, first, log, rig, health)
+            if panel == "innovations":
+                draw_innovations(position, first)
+            elif panel == "forces":
+                if log is None or rig is None:
+                    raise OutputError(
+                        "the panel 'forces' draws what was measured; give log=… and rig=…"
+                    )
+                draw_forces(position, log, rig)
+            else:
+                if health is None:
+                    raise OutputError(
+                        "the panel 'health' draws a word for each sample; give "
+                        "health=distal.log_health(log, rig)"
+                    )
+                draw_health(position, from_start(first.time), health)
             if row == len(heights) - 1:
                 position.set_xlabel(time_label(first.time))
         drawing.align_ylabels()
@@ -515,29 +529,6 @@ def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
         if panel not in PANELS:
             raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
     return tuple(panels)
-
-
-def _draw_panel(
-    axes: Axes,
-    panel: str,
-    first: Curves,
-    log: Log | None,
-    rig: Rig | None,
-    health: Sequence[str] | None,
-) -> None:
-    if panel == "innovations":
-        draw_innovations(axes, first)
-    elif panel == "forces":
-        if log is None or rig is None:
-            raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
-        draw_forces(axes, log, rig)
-    else:
-        if health is None:
-            raise OutputError(
-                "the panel 'health' draws a word for each sample; give "
-                "health=distal.log_health(log, rig)"
-            )
-        draw_health(axes, from_start(first.time), health)
 
 
 def _draw_joint(
