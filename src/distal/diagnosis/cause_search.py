@@ -301,7 +301,6 @@ class Search:
         self._runs = runs
         self._base = base
         self._of_truth = of_truth
-        self._count = self._independent(base)
 
     def __call__(self, changes: Sequence[Change]) -> list[Trial]:
         """Return the trials of causes that explain something by more than chance, the best of each
@@ -310,12 +309,12 @@ class Search:
         outcomes = self._tried(changes)
         if not outcomes:
             return []
+        residuals = self._base.normalized
         if self._of_truth:
-            nearest = min(
-                (outcome for _, outcome in outcomes),
-                key=lambda outcome: max(self._squares(outcome)),
-            )
-            self._count = self._independent(nearest)
+            errors = (self._runs.errors(outcome) for _, outcome in outcomes)
+            residuals = min(errors, key=lambda error: max(known_means(error**2)))
+        count = independent(residuals, self._runs.log.time)
+        self._count = float(np.max(count, initial=1.0))
         trials = self._best(self._weighed(outcomes))
         if self._of_truth:
             near = [
@@ -365,10 +364,6 @@ class Search:
         """
         last = max(self._squares(before)) if before.bounded else 1.0
         return outcome.bounded and bool(max(self._squares(outcome)) < THRESHOLDS.half**2 * last)
-
-    def _independent(self, outcome: Outcome) -> float:
-        residuals = self._runs.errors(outcome) if self._of_truth else outcome.normalized
-        return float(np.max(independent(residuals, self._runs.log.time), initial=1.0))
 
     def _squares(self, outcome: Outcome) -> Floats:
         return known_means(self._runs.errors(outcome) ** 2)

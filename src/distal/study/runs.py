@@ -401,8 +401,6 @@ def run_study(
     done = total - sum(len(designs) for _, designs in chunks) * runs_per_design
     if progress is not None:
         progress(done, total)
-    if not chunks:
-        return
     count = (os.cpu_count() or 1) if workers is None else workers
     is_first = done == 0
     for number, rows in _by_processes(plan, chunks, count):

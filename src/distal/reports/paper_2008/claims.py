@@ -8,7 +8,7 @@ written down before the first run.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
@@ -194,11 +194,17 @@ TESTS = tuple(product(PLANTS, (*SERIES_1, *SERIES_2)))
 """The tests of the reproduction: a plant and a scenario each."""
 
 
-def all_runs(advance: Callable[[], None]) -> Iterator[SeriesRun]:
-    """Yield all runs of the reproduction; `advance` is called after each of its `TESTS`."""
+Runs = dict[str, list[SeriesRun]]
+"""Name of a plant → its runs."""
+
+
+def all_runs(advance: Callable[[], None]) -> Runs:
+    """Return all runs of the reproduction; `advance` is called after each of its `TESTS`."""
+    runs: Runs = {}
     for plant, series in TESTS:
-        yield from run_series(series, plant)
+        runs.setdefault(plant.name, []).extend(run_series(series, plant))
         advance()
+    return runs
 
 
 SIDES = ("left", "right")
@@ -305,11 +311,9 @@ friction, and those that do not hold on the latter.
 """
 
 
-def measure_claims(runs: Sequence[SeriesRun]) -> tuple[Claim, ...]:
+def measure_claims(runs: Runs) -> tuple[Claim, ...]:
     """Return the paper's statements with the values of their measures on both plants."""
-    by_plant = {
-        plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS
-    }
+    by_plant = {plant: measured(of_plant) for plant, of_plant in runs.items()}
     return tuple(
         Claim(statement, {plant: values[statement.key] for plant, values in by_plant.items()})
         for statement in statements()
@@ -321,16 +325,14 @@ def _pooled(errors: Sequence[Floats]) -> float:
     return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
 
 
-def rms(runs: Sequence[SeriesRun], series: str, estimator: str, plant: str = "") -> float:
+def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
     """Return the RMS error of an estimator in a series, pooled over all samples and seeds [°].
 
     Args:
         series: name of the scenario.
         estimator: a key of `SeriesRun.estimates`.
-        plant: name of the plant, where the runs are of several.
     """
-    asked = [run for run in _of(runs, series) if plant in ("", run.plant)]
-    return _pooled([run.estimates[estimator].errors() for run in asked])
+    return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
 
 def _of(runs: Sequence[SeriesRun], series: str) -> list[SeriesRun]:

@@ -24,6 +24,7 @@ from distal.reports.paper_2008.claims import (
     SIDES,
     TESTS,
     Claim,
+    Runs,
     SeriesRun,
     all_runs,
     measure_claims,
@@ -93,14 +94,13 @@ def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     return float(min(max(ends) + AFTER, shown[0].log.time[-1]))
 
 
-def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
+def draw_figure(name: str, runs: Runs) -> Figure:
     """Return one of `FIGURES`: the plant with the friction of Table 1 beside that with more.
 
     Curves are of the first seed.
     """
     shown = [
-        next(run for run in runs if (run.series, run.plant) == (FIGURES[name], plant.name))
-        for plant in PLANTS
+        next(run for run in of_plant if run.series == FIGURES[name]) for of_plant in runs.values()
     ]
     n = len(shown)
     layout = {"sharex": True, "sharey": "row", "height_ratios": [1.6, 1]}
@@ -201,7 +201,7 @@ def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
     """
     check_outputs(outputs_in(out, FILES, "the reproduction"))
     folder = make_folder(out)
-    runs = list(all_runs(advance))
+    runs = all_runs(advance)
     claims = measure_claims(runs)
     pictures = list[str]()
     files = dict[Path, bytes | str]()
@@ -224,14 +224,13 @@ Errors = dict[str, dict[str, dict[str, float]]]
 """Name of a plant → scenario → estimate → RMS error [°]."""
 
 
-def errors_of(runs: Sequence[SeriesRun]) -> Errors:
+def errors_of(runs: Runs) -> Errors:
     """Return the errors in Series 2 of all estimates."""
     return {
-        plant.name: {
-            series: {name: rms(runs, series, name, plant.name) for name in ESTIMATES}
-            for series in SERIES_2
+        plant: {
+            series: {name: rms(of_plant, series, name) for name in ESTIMATES} for series in SERIES_2
         }
-        for plant in PLANTS
+        for plant, of_plant in runs.items()
     }
 
 
