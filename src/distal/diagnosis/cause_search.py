@@ -266,10 +266,9 @@ def candidates(
     """
     chosen = list[Change]()
     for i, cause in enumerate(causes):
-        tried = [
-            *cause.tried,
-            *(THRESHOLDS.frictions_tried if cause.kind in ("friction", "damping") else ()),
-        ]
+        tried = list(cause.tried)
+        if cause.kind in ("friction", "damping"):
+            tried += THRESHOLDS.frictions_tried
         for x in sized.get(cause, ()):
             tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
         limit = THRESHOLDS.largest_change if cause.is_factor else np.inf

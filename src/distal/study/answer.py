@@ -64,9 +64,7 @@ def proportion(met: Bools) -> Proportion:
 
     result = binomtest(int(met.sum()), len(met))
     interval = result.proportion_ci(method="wilson")
-    return Proportion(
-        result.n, result.k, float(result.statistic), float(interval.low), float(interval.high)
-    )
+    return Proportion(result.n, result.k, result.statistic, interval.low, interval.high)
 
 
 def words_of(plan: Plan, name: str) -> str:

@@ -220,8 +220,10 @@ def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
     """Return by how many standard deviations each draw is off: name → standard normal number. The
     number depends on the draw's name and the seed alone.
     """
-    keys = ([*seed, crc32(draw.name.encode())] for draw in draws)
-    return {draw.name: float(np.random.default_rng(key).normal()) for draw, key in zip(draws, keys)}
+    return {
+        draw.name: float(np.random.default_rng([*seed, crc32(draw.name.encode())]).normal())
+        for draw in draws
+    }
 
 
 def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) -> dict[str, float]:

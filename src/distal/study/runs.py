@@ -128,8 +128,8 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
 
 def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
     asked = plan.study.requirement
-    name = plan.study.scenarios[task.scenario]
-    row: dict[str, Cell] = {"design": task.index, "seed": task.seed, "scenario": name}
+    row: dict[str, Cell] = {"design": task.index, "seed": task.seed}
+    row["scenario"] = plan.study.scenarios[task.scenario]
     row |= {
         path: setting if isinstance(setting, str) else float(setting)
         for path, setting in task.design.items()
@@ -216,8 +216,8 @@ def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop:
 
 
 def _sensor_seed(plan: Plan, task: Task) -> int:
-    words = np.random.SeedSequence([*_seeds(plan, task), task.scenario, 1]).generate_state(1)
-    return int(words[0])
+    sequence = np.random.SeedSequence([*_seeds(plan, task), task.scenario, 1])
+    return int(sequence.generate_state(1)[0])
 
 
 def _groups(alike: Iterable[Sequence[Lane]]) -> Iterator[Sequence[Lane]]:

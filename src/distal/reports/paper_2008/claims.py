@@ -374,9 +374,7 @@ def _c2(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
 
 
 def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
-    soft, stiff = (
-        float(np.mean(_potentiometer_rms(runs, series))) for series in ("series-1-soft", "series-1")
-    )
+    soft, stiff = (float(np.mean(_potentiometer_rms(runs, series))) for series in SERIES_1)
     alike = [
         np.corrcoef(
             a.estimates["inextensible"].means[:, i], b.estimates["inextensible"].means[:, i]
@@ -436,7 +434,7 @@ def _c9(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
         run.estimates["inextensible"].means - run.estimates["without linearity"].means
         for run in _of(runs, "series-1")
     ]
-    return (_pooled([change[:, i] for change in changes for i in (1, 2)]),)
+    return (_pooled([change[:, 1:3] for change in changes]),)
 
 
 _MEASURES: dict[str, Callable[[Sequence[SeriesRun]], tuple[float, ...]]] = {

@@ -287,7 +287,7 @@ def _errors_table(errors: Errors) -> str:
     rows = []
     for plant, by_series in errors.items():
         for series, by_name in by_series.items():
-            values = [by_name[name] for name in ESTIMATES]
+            values = by_name.values()
             cells = [
                 Html(f"<b>{value:.2f}</b>") if value == min(values) else f"{value:.2f}"
                 for value in values
@@ -305,12 +305,10 @@ def _claims_table(claims: Sequence[Claim]) -> str:
             f"{escape(statement.text)}<br><span class='why'>{escape(statement.reason)}</span>"
         )
         for i, measure in enumerate(statement.measures):
-            values = [claim.values[plant.name][i] for plant in PLANTS]
-            holds = [measure.margin(value) >= 0.0 for value in values]
-            cells = [
-                verdict(f"{value:.2f} {'✓' if yes else '✗'}", yes)
-                for value, yes in zip(values, holds)
-            ]
+            cells = []
+            for values in claim.values.values():
+                holds = measure.margin(values[i]) >= 0.0
+                cells.append(verdict(f"{values[i]:.2f} {'✓' if holds else '✗'}", holds))
             bound = f"≥ {measure.least:g}" if measure.least is not None else f"≤ {measure.most:g}"
             rows.append([first if i == 0 else "", measure.text, bound, *cells])
     columns = ["statement, and why it stands here", "measure", "threshold"]
