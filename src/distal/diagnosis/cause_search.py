@@ -106,7 +106,8 @@ class PerturbedRuns:
     def __init__(self, log: Log, estimator: AdaptiveFilter, homing: float | None = None) -> None:
         if len(log) > MOST_SAMPLES:
             log = log.select(slice(MOST_SAMPLES))
-            homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
+            if homing is not None and homing >= float(np.ptp(log.time)):
+                homing = None
         self.log = log
         self._run = prepared(log, estimator, homing)
         assert isinstance(self._run.estimator, AdaptiveFilter)

@@ -242,8 +242,7 @@ def against_truth(result: Estimate) -> list[Finding]:
     if result.truths is None:
         return []
     errors = np.abs(result.angles - result.truths)
-    has_truth = np.isfinite(errors)
-    counts = has_truth.sum(axis=0)
+    counts = np.isfinite(errors).sum(axis=0)
     shares = (errors <= BAND * result.angle_stds).sum(axis=0) / np.maximum(counts, 1)
     spans = max(float(np.ptp(result.time)) / SPAN, 1.0)
     least = COVERED - quantile(len(shares)) * np.sqrt(COVERED * (1.0 - COVERED) / spans)
