@@ -8,7 +8,6 @@ The folder holds a small Parquet file for each chunk, written whole when the chu
 
 from __future__ import annotations
 
-import io
 import json
 import multiprocessing
 import os
@@ -22,7 +21,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,10 +61,6 @@ from distal.study.design_space import (
     space_of,
 )
 from distal.version import __version__
-
-if TYPE_CHECKING:
-    import pyarrow
-
 
 Lane = TypeVar("Lane")
 Cell = float | str | bool
@@ -311,9 +306,11 @@ class Folder:
     def write(self, chunk: int, rows: Rows) -> None:
         """Write the rows of a chunk."""
         import pyarrow as pa
+        import pyarrow.parquet as pq
 
         path = self.path / "rows" / f"{chunk:06d}.parquet"
-        write_whole(path, _bytes(pa.Table.from_pydict(rows)))
+        table = pa.Table.from_pydict(rows)
+        write_whole(path, lambda file: pq.write_table(table, file))
 
     def gather(self) -> Columns:
         """Write the rows of all chunks into one file, ``rows.parquet``, sorted by design, seed and
@@ -324,16 +321,8 @@ class Folder:
 
         table = pa.concat_tables(map(pq.read_table, self.chunks.values()))
         table = table.sort_by([(key, "ascending") for key in ("design", "seed", "scenario")])
-        write_whole(self.path / "rows.parquet", _bytes(table))
+        write_whole(self.path / "rows.parquet", lambda file: pq.write_table(table, file))
         return {name: table[name].to_numpy() for name in table.column_names}
-
-
-def _bytes(table: pyarrow.Table) -> bytes:
-    import pyarrow.parquet as pq
-
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer)
-    return buffer.getvalue()
 
 
 def open_folder(plan: Plan, path: str | Path) -> Folder:
