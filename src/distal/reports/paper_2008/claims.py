@@ -22,7 +22,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.reports.page import resource
 from distal.results import Estimate
-from distal.rig import Rig, load_rig, number, tendon_angle_name
+from distal.rig import load_rig, number, tendon_angle_name
 from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig
 from distal.simulation.simulate import motions_of, prepare, sampled
@@ -103,16 +103,12 @@ class SeriesRun:
     Args:
         series: name of the scenario.
         plant: name of the plant.
-        seed: seed of the sensors' errors.
-        rig: the rig that the filters know.
         log: the simulated log.
         estimates: name of an estimator or of a variant → its estimate.
     """
 
     series: str
     plant: str
-    seed: int
-    rig: Rig
     log: Log
     estimates: dict[str, Estimate]
 
@@ -176,7 +172,7 @@ def run_series(
             asked["hung weights"] = (hung_weights(log, scenario), paper)
             asked["better cells"] = (read(seed, BETTER_CELLS), paper)
         estimates = {name: estimate(of, rig, by) for name, (of, by) in asked.items()}
-        runs.append(SeriesRun(series, plant.name, seed, rig, log, estimates))
+        runs.append(SeriesRun(series, plant.name, log, estimates))
     return runs
 
 
