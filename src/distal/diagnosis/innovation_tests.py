@@ -213,12 +213,13 @@ class ChannelStatistics:
         large = self.ratios > self.limits
         coloured = self.correlations > THRESHOLDS.coloured
         coloured &= self.ratios > THRESHOLDS.noise_ratio
-        several = ", ".join(compress(self.names, large if large.any() else coloured))
-        if large.sum() == 1 and np.isfinite(self.since[large][0]):
+        count = large.sum()
+        several = ", ".join(compress(self.names, large if count else coloured))
+        if count == 1 and np.isfinite(self.since[large][0]):
             begin = f"sensor {several} disagrees from {self.since[large][0]:.0f} s on"
             return [Finding("disagrees", several, f"{begin}: its innovations are too large")]
-        if large.any():
-            verb = "disagrees" if large.sum() == 1 else "disagree"
+        if count:
+            verb = "disagrees" if count == 1 else "disagree"
             size = np.sqrt(self.ratios[large].max())
             text = f"{several} {verb} with the rig: innovations {size:.1f}× larger than normal"
             return [Finding("too large", several, text)]
@@ -238,8 +239,8 @@ class ChannelStatistics:
                 text += " (missing, or the slider at a stop)"
                 findings.append(Finding("hardly compared", name, text))
             if share >= THRESHOLDS.never_compared and ratio < SMALL:
-                size = f"only {np.sqrt(ratio):.2f} of the expected size"
-                text = f"not tested by {name}: its innovations are {size}"
+                text = f"not tested by {name}: its innovations are "
+                text += f"only {np.sqrt(ratio):.2f} of the expected size"
                 findings.append(Finding("not tested", name, text))
         return findings
 
