@@ -27,8 +27,8 @@ from distal.diagnosis.finding import THRESHOLDS
 from distal.diagnosis.innovation_tests import (
     SPAN,
     ScoreTest,
+    finite_means,
     independent,
-    known_means,
     quantile,
 )
 from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
@@ -83,13 +83,13 @@ class Outcome:
         squares = self.normalized**2
         inflation = np.maximum(1.0, squares / OUTLIER)
         terms = squares / inflation + np.log(self.innovation_variances * inflation)
-        return -0.5 * known_means(terms)
+        return -0.5 * finite_means(terms)
 
     def excess(self) -> float:
         """Return how much the innovations are too large, ½ ln max(1, mean ν²/S) in the mean of the
         channels: −ln p of a value whose S is as much too small.
         """
-        means = known_means(self.normalized**2)
+        means = finite_means(self.normalized**2)
         return float(np.mean(0.5 * np.log(np.maximum(means, 1.0)))) if means.size else 0.0
 
 
@@ -227,7 +227,7 @@ class Derivatives:
             spread = np.sqrt(self.base.variances)
             return ScoreTest(self.runs.errors(self.base) / spread, self.angles / spread, time, stds)
         residuals = self.base.normalized
-        limits = np.sqrt(OUTLIER * np.maximum(known_means(residuals**2), 1.0))
+        limits = np.sqrt(OUTLIER * np.maximum(finite_means(residuals**2), 1.0))
         return ScoreTest(np.clip(residuals, -limits, limits), self.innovations, time, stds)
 
 
@@ -312,7 +312,7 @@ class Search:
         residuals = self._base.normalized
         if self._of_truth:
             errors = (self._runs.errors(outcome) for _, outcome in outcomes)
-            residuals = min(errors, key=lambda error: max(known_means(error**2)))
+            residuals = min(errors, key=lambda error: max(finite_means(error**2)))
         count = independent(residuals, self._runs.log.time)
         self._count = float(np.max(count, initial=1.0))
         trials = self._best(self._weighed(outcomes))
@@ -366,7 +366,7 @@ class Search:
         return outcome.bounded and bool(max(self._squares(outcome)) < THRESHOLDS.half**2 * last)
 
     def _squares(self, outcome: Outcome) -> Floats:
-        return known_means(self._runs.errors(outcome) ** 2)
+        return finite_means(self._runs.errors(outcome) ** 2)
 
     def _cost(self, outcome: Outcome) -> float:
         """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost.
@@ -475,15 +475,16 @@ def wrong_readings(log: Log, rig: Rig) -> Gains:
     trials: Gains = []
     for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
         if size not in cause.tried:
-            others = _sizes(cause, readings, names)
-            step = min(abs(other - size) for other in others if other != size)
+            sizes = _sizes(cause, readings, names)
+            step = min(abs(other - size) for other in sizes if other != size)
             nearest = minimize_scalar(
                 lambda x, cause: judged(cause, x)[0],
                 args=(cause,),
                 bounds=(size - step, size + step),
                 method="bounded",
             )
-            size, cost = nearest.x, nearest.fun
+            size = nearest.x
+            cost = nearest.fun
         if judged(cause, size)[1] < THRESHOLDS.half * share:
             trials.append(({cause: size}, before - cost))
     return sorted(trials, key=lambda trial: -trial[1])

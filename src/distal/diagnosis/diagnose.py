@@ -200,9 +200,9 @@ def _named(changes: Gains, kind: Kind, rig: Rig) -> list[Finding]:
     """
     if not changes:
         return []
-    (likeliest, best), *others = changes
+    (likeliest, best), *alternatives = changes
     named = [named_cause(kind, rig, *pair) for pair in likeliest.items()]
-    for change, gain in others:
+    for change, gain in alternatives:
         other = named_cause(kind, rig, *next(iter(change.items())))
         if best - gain < quantile(1) ** 2 and other.subject != named[0].subject:
             text = f"or {other.text} (these cannot be told apart)"

@@ -77,7 +77,7 @@ def independent(residuals: Floats, time: Floats) -> Floats:
     return values
 
 
-def known_means(values: Floats) -> Floats:
+def finite_means(values: Floats) -> Floats:
     """Return the mean of each column over its values that are not NaN, (n,); 0 where none is.
 
     Args:
@@ -114,7 +114,7 @@ class ScoreTest:
         compared = np.isfinite(self.residuals)
         residuals = np.nan_to_num(self.residuals)
         counts = np.maximum(compared.sum(axis=0), 1)
-        inverse = 1.0 / np.maximum(known_means(self.residuals**2), 1.0)
+        inverse = 1.0 / np.maximum(finite_means(self.residuals**2), 1.0)
         sums = np.zeros((len(self.slopes), 3))
         for k, by_cause in enumerate(self.slopes):
             slopes = np.where(compared & (np.abs(by_cause) < UNBOUNDED), by_cause, 0.0)
@@ -122,7 +122,7 @@ class ScoreTest:
             if square > 0.0:
                 x = -np.sum(inverse * slopes * residuals) / square
                 left = self.residuals + slopes * x
-                variances = np.maximum(known_means(left**2), 1.0)
+                variances = np.maximum(finite_means(left**2), 1.0)
                 weighted = independent(left, self.time) / counts / variances * slopes
                 sums[k] = -np.sum(weighted * residuals), np.sum(weighted * slopes), x
         return sums
@@ -266,15 +266,15 @@ def statistics_of(
         ratios = np.where(shares > 0.0, 1.0, np.nan)
         none, never, beyond = (np.full(len(names), x) for x in (0.0, np.nan, np.inf))
         return ChannelStatistics(tuple(names), ratios, none, never, shares, beyond)
-    kept = scaled[settled]
-    counts = np.isfinite(kept).sum(axis=0)
-    correlations = np.array([_neighbours(column) for column in kept.T])
+    later = scaled[settled]
+    counts = np.isfinite(later).sum(axis=0)
+    correlations = np.array([_neighbours(column) for column in later.T])
     squares = np.minimum(correlations**2, 0.99)
     spreads = np.sqrt(2.0 * (1.0 + squares) / (1.0 - squares) / np.maximum(counts, 1))
     limits = THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * spreads)
     return ChannelStatistics(
         tuple(names),
-        np.where(counts > 0, known_means(kept**2), np.nan),
+        np.where(counts > 0, finite_means(later**2), np.nan),
         correlations,
         np.array([_since(time, *channel) for channel in zip(scaled.T, limits)]),
         shares,

@@ -161,8 +161,8 @@ class Estimate:
             angles = self.angles[:, joint]
             stds = self.angle_stds[:, joint]
             truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
-            known = np.isfinite(truth)
-            errors = np.abs(angles - truth)[known]
+            has_truth = np.isfinite(truth)
+            errors = np.abs(angles - truth)[has_truth]
             row: SummaryRow = {
                 "joint": name,
                 "least [deg]": float(np.rad2deg(angles.min())),
@@ -172,10 +172,10 @@ class Estimate:
                 "largest error [deg]": None,
                 "inside band": None,
             }
-            if known.any():
+            if has_truth.any():
                 row["RMS error [deg]"] = float(np.rad2deg(np.sqrt(np.mean(errors**2))))
                 row["largest error [deg]"] = float(np.rad2deg(errors.max()))
-                row["inside band"] = float(np.mean(errors <= BAND * stds[known]))
+                row["inside band"] = float(np.mean(errors <= BAND * stds[has_truth]))
             rows.append(row)
         return rows
 
@@ -240,8 +240,8 @@ class Estimate:
             EstimationError: there is no such state.
         """
         states = zip(self.state_names, self.state_kinds, self.state_parts)
-        for i, (own, kind, part) in enumerate(states):
-            if name == own or (kind is StateKind.PARAMETER and name == part):
+        for i, (state, kind, part) in enumerate(states):
+            if name == state or (kind is StateKind.PARAMETER and name == part):
                 return self.means[:, i]
         raise EstimationError(f"no state is called '{name}'{did_you_mean(name, self.state_names)}")
 

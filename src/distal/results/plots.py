@@ -626,7 +626,8 @@ def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     truth = _truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]
     every = np.concatenate(curves)
-    lowest, highest = np.nanmin(every), np.nanmax(every)
+    lowest = np.nanmin(every)
+    highest = np.nanmax(every)
     low, high = axes.get_ylim()
     room = 0.3 * max(highest - lowest, 1.0)
     axes.set_ylim(max(low, lowest - room), min(high, highest + room))

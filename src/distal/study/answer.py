@@ -141,10 +141,10 @@ def needs_of(plan: Plan, parts: Mapping[Axis, Parts], good: Bools) -> tuple[Need
         good: which rigs meet the requirement in all scenarios, (n,).
     """
     found = []
-    for axis, own in parts.items():
-        others = [cell for other, cells in parts.items() if other != axis for _, cell in cells]
+    for axis, of_axis in parts.items():
+        others = [cell for beside, cells in parts.items() if beside != axis for _, cell in cells]
         best: Shares = ()
-        for words, inside in own:
+        for words, inside in of_axis:
             together = [(words, inside & other) for other in others]
             best += _shares([(words, inside), *together], good)[:1]
         if len(best) > 1:

@@ -211,8 +211,8 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
                     draws.append(Draw(named(rig, path), parameter.std, (path,)))
                 shared = parameter.shared
                 if shared is not None and shared.std > 0.0:
-                    others = common[shared.name].paths if shared.name in common else ()
-                    common[shared.name] = Draw(shared.name, shared.std, (*others, path), True)
+                    before = common[shared.name].paths if shared.name in common else ()
+                    common[shared.name] = Draw(shared.name, shared.std, (*before, path), True)
     return (*draws, *common.values())
 
 
@@ -447,5 +447,5 @@ def rig_of(rig: Rig, design: Design) -> Rig:
         path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))
     }
     changed = rig.with_values(values)
-    kept = tuple(sensor for sensor in changed.sensors if sensor.name not in off)
-    return changed.model_copy(update={"sensors": kept})
+    sensors = tuple(sensor for sensor in changed.sensors if sensor.name not in off)
+    return changed.model_copy(update={"sensors": sensors})

@@ -78,9 +78,9 @@ def observed_values() -> dict[str, object]:
     rig = load_rig("paper-2008-observed")
     axle = rig.joints[0].friction
     assert axle is not None
-    numbers = ["joints.0.friction.preload", "joints.0.friction.exponent"]
-    numbers += [f"drives.{i}.friction.{key}" for i in (0, 1) for key in ("constant", "load")]
-    values: dict[str, object] = {path: number(rig, path).value for path in numbers}
+    paths = ["joints.0.friction.preload", "joints.0.friction.exponent"]
+    paths += [f"drives.{i}.friction.{key}" for i in (0, 1) for key in ("constant", "load")]
+    values: dict[str, object] = {path: number(rig, path).value for path in paths}
     return values | {"joints.0.friction.reference": axle.reference}
 
 
@@ -421,7 +421,8 @@ def _c8(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
         errors = [run.estimates["simulation"].errors()[-50:] for run in _of(runs, series)]
         return float(np.rad2deg(np.mean(errors)))
 
-    low, high = beyond("series-2"), beyond("series-2-high")
+    low = beyond("series-2")
+    high = beyond("series-2-high")
     return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
 
 
