@@ -15,7 +15,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -25,7 +24,13 @@ from distal.arrays import Floats
 from distal.confidence import BAND, LARGE_PRIOR
 from distal.diagnosis.causes import UNITS, Cause, of_sensors, starts_of, swap
 from distal.diagnosis.finding import THRESHOLDS
-from distal.diagnosis.innovation_tests import SPAN, ScoreTest, independent, quantile
+from distal.diagnosis.innovation_tests import (
+    SPAN,
+    ScoreTest,
+    finite_means,
+    independent,
+    quantile,
+)
 from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
@@ -43,6 +48,9 @@ OUTLIER = Robustness().wild_force
 
 Change = Mapping[Cause, float]
 """Size of each cause that is changed in a run."""
+
+Gains = list[tuple[Change, float]]
+"""Changes with their gains in −2 ln p, the likeliest first."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,7 @@ class Outcome:
     @property
     def normalized(self) -> Floats:
         """ν/√S, (k, m)."""
-        normalized: Floats = self.innovations / np.sqrt(self.innovation_variances)
-        return normalized
+        return self.innovations / np.sqrt(self.innovation_variances)
 
     def log_likelihoods(self) -> Floats:
         """Return ln p of a value of each channel in the mean, (m,), without a constant; an outlier
@@ -76,17 +83,13 @@ class Outcome:
         squares = self.normalized**2
         inflation = np.maximum(1.0, squares / OUTLIER)
         terms = squares / inflation + np.log(self.innovation_variances * inflation)
-        counts = np.maximum(np.isfinite(terms).sum(axis=0), 1)
-        likelihoods: Floats = -0.5 * np.nansum(terms, axis=0) / counts
-        return likelihoods
+        return -0.5 * finite_means(terms)
 
     def excess(self) -> float:
         """Return how much the innovations are too large, ½ ln max(1, mean ν²/S) in the mean of the
         channels: −ln p of a value whose S is as much too small.
         """
-        squares = self.normalized**2
-        counts = np.maximum(np.isfinite(squares).sum(axis=0), 1)
-        means = np.nansum(squares, axis=0) / counts
+        means = finite_means(self.normalized**2)
         return float(np.mean(0.5 * np.log(np.maximum(means, 1.0)))) if means.size else 0.0
 
 
@@ -103,7 +106,8 @@ class PerturbedRuns:
     def __init__(self, log: Log, estimator: AdaptiveFilter, homing: float | None = None) -> None:
         if len(log) > MOST_SAMPLES:
             log = log.select(slice(MOST_SAMPLES))
-            homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
+            if homing is not None and homing >= float(np.ptp(log.time)):
+                homing = None
         self.log = log
         self._run = prepared(log, estimator, homing)
         assert isinstance(self._run.estimator, AdaptiveFilter)
@@ -141,10 +145,7 @@ class PerturbedRuns:
 
     def errors(self, outcome: Outcome) -> Floats:
         """Return the errors of the angles [rad], (k, n_joints), NaN where no truth is known."""
-        if self.truths is None:
-            return np.full(outcome.angles.shape, np.nan)
-        errors: Floats = outcome.angles - self.truths
-        return errors
+        return outcome.angles - (np.nan if self.truths is None else self.truths)
 
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         estimator = self.estimator
@@ -164,24 +165,19 @@ class PerturbedRuns:
         """Return the belief, the samples and the parameters of a run with a change."""
         estimator = self.estimator
         names = estimator.parameter_names
-        samples = self._run.samples
+        samples = self._run.samples.copy()
         p = np.array(estimator.parameters)
-        if any(cause.channels for cause in change):
-            samples = samples.copy()
         for cause, x in change.items():
-            columns = [estimator.channels.index(name) for name in cause.channels]
-            cause.apply(x, samples, columns, self.log.time)
+            cause.apply(x, samples, estimator.channels, self.log.time)
             for path in cause.paths:
                 for name in (path, *starts_of(estimator, path)):
                     p[names.index(name)] *= 1.0 + x
         if not change:
             return self._run.start, samples, p
         samples = np.where(np.abs(samples) > LARGEST_READING, np.nan, samples)
-        first = first_values(samples)
-        begin = estimator.initial(self.log.time[0], first)
-        mean, covariance, memory = estimator.prior(first, p)
+        mean, covariance, memory = estimator.prior(first_values(samples), p)
         kernel_state = np.concatenate([mean, covariance.ravel(), memory])
-        return replace(begin, kernel_state=kernel_state), samples, p
+        return replace(self._run.start, kernel_state=kernel_state), samples, p
 
 
 @dataclass(frozen=True)
@@ -200,24 +196,23 @@ class Derivatives:
     base: Outcome
     ends: tuple[Outcome, ...]
 
+    def _of(self, read: Callable[[Outcome], Floats]) -> Floats:
+        """Return the derivatives by the causes of what is read of a run, (n, k, any)."""
+        begin = read(self.base)
+        with np.errstate(invalid="ignore"):
+            return np.array(
+                [(read(end) - begin) / cause.step for cause, end in zip(self.causes, self.ends)]
+            )
+
     @property
     def angles(self) -> Floats:
         """Derivatives of the angles by the causes, (n, k, n_joints)."""
-        return np.array(
-            [(end.angles - self.base.angles) / c.step for c, end in zip(self.causes, self.ends)]
-        )
+        return self._of(lambda run: run.angles)
 
     @property
     def innovations(self) -> Floats:
         """Derivatives of ν/√S by the causes at the S of the base, (n, k, m)."""
-        spread = np.sqrt(self.base.innovation_variances)
-        with np.errstate(invalid="ignore"):
-            return np.array(
-                [
-                    (end.innovations - self.base.innovations) / spread / cause.step
-                    for cause, end in zip(self.causes, self.ends)
-                ]
-            )
+        return self._of(lambda run: run.innovations / np.sqrt(self.base.innovation_variances))
 
     def test(self, *, of_truth: bool) -> ScoreTest:
         """Return the score test of the causes: of the innovations, or of the angles' errors in
@@ -232,8 +227,7 @@ class Derivatives:
             spread = np.sqrt(self.base.variances)
             return ScoreTest(self.runs.errors(self.base) / spread, self.angles / spread, time, stds)
         residuals = self.base.normalized
-        counts = np.maximum(np.isfinite(residuals).sum(axis=0), 1)
-        limits = np.sqrt(OUTLIER * np.maximum(np.nansum(residuals**2, axis=0) / counts, 1.0))
+        limits = np.sqrt(OUTLIER * np.maximum(finite_means(residuals**2), 1.0))
         return ScoreTest(np.clip(residuals, -limits, limits), self.innovations, time, stds)
 
 
@@ -273,10 +267,9 @@ def candidates(
     """
     chosen = list[Change]()
     for i, cause in enumerate(causes):
-        tried = [
-            *cause.tried,
-            *(THRESHOLDS.frictions_tried if cause.kind in ("friction", "damping") else ()),
-        ]
+        tried = list(cause.tried)
+        if cause.kind in ("friction", "damping"):
+            tried += THRESHOLDS.frictions_tried
         for x in sized.get(cause, ()):
             tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
         limit = THRESHOLDS.largest_change if cause.is_factor else np.inf
@@ -308,21 +301,20 @@ class Search:
         self._runs = runs
         self._base = base
         self._of_truth = of_truth
-        self._count = self._independent(base)
 
     def __call__(self, changes: Sequence[Change]) -> list[Trial]:
         """Return the trials of causes that explain something by more than chance, the best of each
         cause, the likeliest first.
         """
-        outcomes = [pair for pair in zip(changes, self._runs(changes)) if pair[1].bounded]
+        outcomes = self._tried(changes)
         if not outcomes:
             return []
+        residuals = self._base.normalized
         if self._of_truth:
-            nearest = min(
-                (outcome for _, outcome in outcomes),
-                key=lambda outcome: float(max(self._squares(outcome))),
-            )
-            self._count = self._independent(nearest)
+            errors = (self._runs.errors(outcome) for _, outcome in outcomes)
+            residuals = min(errors, key=lambda error: max(finite_means(error**2)))
+        count = independent(residuals, self._runs.log.time)
+        self._count = float(np.max(count, initial=1.0))
         trials = self._best(self._weighed(outcomes))
         if self._of_truth:
             near = [
@@ -337,7 +329,7 @@ class Search:
             }
             others = [change for change in changes if likely.issuperset(change)]
             pairs = [{**trials[0].change, **other} for other in others]
-            again = self._tried([*near, *pairs])
+            again = self._weighed(self._tried([*near, *pairs]))
             trials = self._best([*trials, *(trial for trial in again if len(trial.change) == 1)])
             best = trials[0]
             together = (trial for trial in again if len(trial.change) == 2)
@@ -353,9 +345,9 @@ class Search:
         least = quantile(1) ** 2 if self._base.bounded else -np.inf
         return [trial for trial in trials if trial.gain > least]
 
-    def _tried(self, changes: Iterable[Change]) -> list[Trial]:
-        asked = list(changes)
-        return self._weighed(pair for pair in zip(asked, self._runs(asked)) if pair[1].bounded)
+    def _tried(self, changes: Sequence[Change]) -> list[tuple[Change, Outcome]]:
+        """Return the changes with which the filter stays within all bounds, and its outcomes."""
+        return [pair for pair in zip(changes, self._runs(changes)) if pair[1].bounded]
 
     def _weighed(self, outcomes: Iterable[tuple[Change, Outcome]]) -> list[Trial]:
         return [Trial(*pair, self._gain(*pair)) for pair in outcomes]
@@ -373,15 +365,8 @@ class Search:
         last = max(self._squares(before)) if before.bounded else 1.0
         return outcome.bounded and bool(max(self._squares(outcome)) < THRESHOLDS.half**2 * last)
 
-    def _independent(self, outcome: Outcome) -> float:
-        residuals = self._runs.errors(outcome) if self._of_truth else outcome.normalized
-        return float(np.max(independent(residuals, self._runs.log.time), initial=1.0))
-
     def _squares(self, outcome: Outcome) -> Floats:
-        squares = self._runs.errors(outcome) ** 2
-        counts = np.maximum(np.isfinite(squares).sum(axis=0), 1)
-        means: Floats = np.nansum(squares, axis=0) / counts
-        return means
+        return finite_means(self._runs.errors(outcome) ** 2)
 
     def _cost(self, outcome: Outcome) -> float:
         """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost.
@@ -436,9 +421,8 @@ def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
     chosen = []
     for cause, least, by in zip(derivatives.causes, noticed, moved):
         change = min(least, 1.0) if cause.is_factor else least
-        hidden = by > 0.0
-        if cause.kind in UNFELT and hidden.any():
-            chosen += [cause] if np.any(change * by[hidden] > band[hidden]) else []
+        if cause.kind in UNFELT and np.any(by > band / change):
+            chosen.append(cause)
     return chosen
 
 
@@ -455,9 +439,8 @@ LONGEST_DELAY = 0.3
 """Largest delay of a reading [s]. Source: layout."""
 
 
-def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
-    """Return the changes of readings that take off most of what is not as in free motion, each with
-    its gain in −2 ln p, the likeliest first.
+def wrong_readings(log: Log, rig: Rig) -> Gains:
+    """Return the changes of readings that take off most of what is not as in free motion.
 
     Args:
         log: of the rig.
@@ -474,7 +457,7 @@ def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
     def judged(cause: Cause, x: float) -> tuple[float, float]:
         """Return the cost of a change, and the share of the log that is not as in free motion."""
         samples = readings.copy()
-        cause.apply(x, samples, [names.index(name) for name in cause.channels], time)
+        cause.apply(x, samples, names, time)
         is_read = np.isfinite(samples)
         squares, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
         squares = np.where(outside > 0.0, MOST, np.minimum(squares, MOST))
@@ -489,10 +472,19 @@ def wrong_readings(log: Log, rig: Rig) -> list[tuple[Change, float]]:
         costs = {x: judged(cause, x)[0] for x in (*cause.tried, *_sizes(cause, readings, names))}
         if costs:
             tried.append((cause, *min(costs.items(), key=lambda pair: pair[1])))
-    trials = list[tuple[Change, float]]()
+    trials: Gains = []
     for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
         if size not in cause.tried:
-            size, cost = _nearest(partial(judged, cause), size, _sizes(cause, readings, names))
+            sizes = _sizes(cause, readings, names)
+            step = min(abs(other - size) for other in sizes if other != size)
+            nearest = minimize_scalar(
+                lambda x, cause: judged(cause, x)[0],
+                args=(cause,),
+                bounds=(size - step, size + step),
+                method="bounded",
+            )
+            size = nearest.x
+            cost = nearest.fun
         if judged(cause, size)[1] < THRESHOLDS.half * share:
             trials.append(({cause: size}, before - cost))
     return sorted(trials, key=lambda trial: -trial[1])
@@ -529,16 +521,3 @@ def _sizes(cause: Cause, readings: Floats, names: Sequence[str]) -> list[float]:
         return [*np.linspace(-LONGEST_DELAY, LONGEST_DELAY, SIZES)]
     largest = np.nan_to_num(np.abs(readings[:, names.index(cause.channels[0])])).max()
     return [*np.linspace(-largest, largest, 2 * SIZES + 1)] if largest > 0.0 else []
-
-
-def _nearest(
-    judged: Callable[[float], tuple[float, float]], size: float, sizes: Sequence[float]
-) -> tuple[float, float]:
-    """Return the size with the least cost around one of some sizes, and its cost."""
-    step = min(abs(other - size) for other in sizes if other != size)
-    nearest = minimize_scalar(
-        lambda x: judged(x)[0],
-        bounds=(size - step, size + step),
-        method="bounded",
-    )
-    return nearest.x, nearest.fun

@@ -117,15 +117,16 @@ class Cause:
         """
         return float(np.log(max(abs(1.0 + x), 1e-300))) if self.kind == "scale" else 0.0
 
-    def apply(self, x: float, samples: Floats, columns: Sequence[int], time: Floats) -> None:
+    def apply(self, x: float, samples: Floats, names: Sequence[str], time: Floats) -> None:
         """Change readings in place.
 
         Args:
             x: size of the change.
             samples: readings, (k, n).
-            columns: index of each of the `channels`.
+            names: of their channels, (n,).
             time: stamps [s], (k,).
         """
+        columns = [names.index(name) for name in self.channels]
         readings = samples[:, columns]
         if self.kind == "scale":
             samples[:, columns] = (1.0 + x) * readings
@@ -204,27 +205,25 @@ def _zero_std(rig: Rig, sensor: Sensor) -> float:
     """Return the std of the zero of a sensor: its own, and for a position that of the stretch by
     pre-tension [SI].
     """
-    bias = getattr(sensor, "bias", None)
-    bias_std = 0.0 if bias is None else bias.total_std
     if sensor.measures != "position":
-        return bias_std
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+        return sensor.bias.total_std
+    drive = rig.drive(sensor.of)
     lever = drive.radius.value if drive.kind == "capstan" else 1.0
     stretches = [
         tendon.pretension.total_std / (tendon.stiffness.value * lever)
-        for tendon in rig.tendons
-        if tendon.drive == sensor.of and tendon.stiffness.value > 0.0
+        for tendon in rig.tendons_of(sensor.of)
+        if tendon.stiffness.value > 0.0
     ]
-    return float(np.hypot(bias_std, max(stretches, default=0.0)))
+    return float(np.hypot(sensor.bias.total_std, max(stretches, default=0.0)))
 
 
 def _of_rig(estimator: AdaptiveFilter) -> Iterator[Cause]:
     rig = estimator.rig
     for drive in rig.drives:
         pulled = [(i, tendon) for i, tendon in enumerate(rig.tendons) if tendon.drive == drive.name]
-        forces = [sensor.name for sensor in rig.sensors_of("force") if sensor.of == drive.name]
+        forces = (sensor.name for sensor in rig.sensors_of("force") if sensor.of == drive.name)
         stiffnesses = [f"tendons.{i}.stiffness" for i, _ in pulled]
-        subject = forces[0] if forces else f"the force of {drive.name}"
+        subject = next(forces, f"the force of {drive.name}")
         yield from _of(estimator, "stiffness", subject, stiffnesses)
         joints = dict.fromkeys(name for _, tendon in pulled for name in tendon.joints)
         # at a single joint, arm, spool and gear are the scale of the drive's position
@@ -306,9 +305,8 @@ def sizes(
         truths: known angles of the joints, (k, n_joints) [rad].
         causes: to be sized.
     """
-    paths = sorted({path for cause in causes for path in cause.paths})
     sized = dict[Cause, list[float]]()
-    for drive in _drives(estimator, log, truths, paths):
+    for drive in _drives(estimator, log, truths):
         for cause in causes:
             column = _column(cause, drive, log.time)
             if column is not None and np.isfinite(column + drive.residual).any():
@@ -316,16 +314,12 @@ def sizes(
     return sized
 
 
-def _drives(
-    estimator: AdaptiveFilter, log: Log, truths: Floats, paths: Sequence[str]
-) -> Iterator[_Drive]:
+def _drives(estimator: AdaptiveFilter, log: Log, truths: Floats) -> Iterator[_Drive]:
     rig = estimator.rig
     mechanism = estimator.states.context.mechanism
     parameters = mechanism.parameters
     symbols = parameters.symbols
     values = estimator.parameters[: symbols.numel()]
-    names = [path for path in paths if path in parameters.names]
-    at = [parameters.names.index(path) for path in names]
     q = ca.SX.sym("q", mechanism.n_bodies)
     pull = ca.SX.sym("pull")
     for sensor in rig.sensors_of("position"):
@@ -346,16 +340,15 @@ def _drives(
         home = ca.substitute(stretch, q, ca.SX.zeros(q.numel()))
         softened = pull / stiffness
         expected = home - stretch + softened - standing / stiffness
-        slopes = ca.jacobian(expected, symbols[at]) * symbols[at].T
+        slopes = ca.jacobian(expected, symbols) * symbols.T
         function = ca.Function("position", [q, pull, symbols], [expected, softened, slopes])
         forces = (s.name for s in rig.sensors_of("force") if s.of == sensor.of)
         force = next((name for name in forces if name in log.channels), "")
         pulls = log.channels.get(force, np.zeros(len(log)))
         expect, soft, by = map(np.array, function(angles, pulls[None, :], values))
         reading = log.channels[sensor.name]
-        columns = by.reshape(len(log), len(at)).T
-        residual = reading - expect.ravel()
-        yield _Drive(sensor, force, residual, reading, soft.ravel(), dict(zip(names, columns)))
+        columns = dict(zip(parameters.names, by.reshape(len(log), -1).T))
+        yield _Drive(sensor, force, reading - expect.ravel(), reading, soft.ravel(), columns)
 
 
 def _column(cause: Cause, drive: _Drive, time: Floats) -> Floats | None:

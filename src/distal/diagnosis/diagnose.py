@@ -9,11 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 from distal.confidence import BAND, COVERED
 from distal.diagnosis.cause_search import (
     UNFELT,
     Change,
+    Gains,
     Outcome,
     PerturbedRuns,
     Search,
@@ -23,7 +24,17 @@ from distal.diagnosis.cause_search import (
     wrong_readings,
 )
 from distal.diagnosis.causes import Cause, causes_of, sizes
-from distal.diagnosis.finding import COMPLIANCE, SCALE, THRESHOLDS, ZERO, Finding, Kind, named_cause
+from distal.diagnosis.finding import (
+    COMPLIANCE,
+    SCALE,
+    THRESHOLDS,
+    ZERO,
+    Finding,
+    Kind,
+    named_cause,
+    sensor_of,
+    tendon_of,
+)
 from distal.diagnosis.innovation_tests import (
     SPAN,
     ChannelStatistics,
@@ -82,14 +93,8 @@ def diagnose(
     stuck = stuck_positions(log, rig)
     unlike = not_free(log, rig)
     outside = out_of_range(log, _learned_range(rig))
-    further = [
-        *truth,
-        *elsewhere(log, rig),
-        *stuck,
-        *outside,
-        *unlike,
-    ]
-    wrong = list[tuple[Change, float]]()
+    further = truth + elsewhere(log, rig) + stuck + outside + unlike
+    wrong: Gains = []
     if what_if and result.is_taught and (unlike or outside) and not stuck:
         wrong = wrong_readings(log, rig)
     named = _named(wrong, "looks like", rig)
@@ -108,24 +113,23 @@ def diagnose(
     disagrees = bool(channels.disagreeing())
     wide = not (result.truths is None or truth or result.is_taught)
     is_searched = not stuck and bool(truth or disagrees or wide)
-    derivatives = derivatives_of(
-        runs, causes if is_searched else [cause for cause in causes if cause.kind in UNFELT]
-    )
+    asked = [cause for cause in causes if is_searched or cause.kind in UNFELT]
+    derivatives = derivatives_of(runs, asked)
     if not derivatives.base.bounded:
         return diagnose_estimate(result, further + named)
     test = derivatives.test(of_truth=False)
     if is_searched:
-        sized = _sized(runs, derivatives.causes)
+        sized = _sized(runs, asked)
         tests = [test]
         if runs.truths is not None:
             tests.append(derivatives.test(of_truth=True))
-        changes = candidates(derivatives.causes, sized, tests)
+        changes = candidates(asked, sized, tests)
         # what disagrees is explained, else an error that the band allows
         ways = [True] * bool(truth) + [False] * disagrees + [True] * wide
         trials = _explained(runs, derivatives.base, changes, ways)
         kind: Kind = "looks like" if truth or disagrees else "would explain"
         further += _named(trials, kind, rig) or named
-    if not any(finding.contradicts for finding in (*further, *channels.disagreeing())):
+    if not (disagrees or any(finding.contradicts for finding in further)):
         further += _cannot_be_felt(unfelt(derivatives, test), rig)
     return diagnose_estimate(result, further, channels)
 
@@ -152,8 +156,8 @@ def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Findin
 
 def _explained(
     runs: PerturbedRuns, base: Outcome, changes: Sequence[Change], ways: Sequence[bool]
-) -> list[tuple[Change, float]]:
-    """Return the changes that explain something, with their gains, by the first way that finds
+) -> Gains:
+    """Return the changes that explain something by the first way that finds
     any: by known angles, or by innovations, of which none may disagree then.
     """
     for of_truth in ways:
@@ -185,48 +189,42 @@ def _channels(runs: PerturbedRuns, outcome: Outcome) -> ChannelStatistics:
     return statistics_of(estimator.measured, outcome.normalized, runs.log.time, is_taught=is_taught)
 
 
-def _named(changes: Sequence[tuple[Change, float]], kind: Kind, rig: Rig) -> list[Finding]:
+def _named(changes: Gains, kind: Kind, rig: Rig) -> list[Finding]:
     """Return the likeliest causes in words: one, two that are wrong together, or two that cannot be
     told apart.
 
     Args:
-        changes: with their gains in −2 ln p, the likeliest first.
+        changes: that explain something.
         kind: of the findings.
         rig: of the log.
     """
     if not changes:
         return []
-    named = [[named_cause(kind, rig, *pair) for pair in change.items()] for change, _ in changes]
-    best = changes[0][1]
-    alternatives = [
-        findings_of[0]
-        for (_, gain), findings_of in zip(changes, named)
-        if best - gain < quantile(1) ** 2 and findings_of[0].subject != named[0][0].subject
-    ]
-    other = [
-        replace(finding, text=f"or {finding.text} (these cannot be told apart)")
-        for finding in alternatives
-    ]
-    return [*named[0], *other[:1]]
+    (likeliest, best), *alternatives = changes
+    named = [named_cause(kind, rig, *pair) for pair in likeliest.items()]
+    for change, gain in alternatives:
+        other = named_cause(kind, rig, *next(iter(change.items())))
+        if best - gain < quantile(1) ** 2 and other.subject != named[0].subject:
+            text = f"or {other.text} (these cannot be told apart)"
+            return [*named, replace(other, text=text)]
+    return named
 
 
 def _cannot_be_felt(causes: Sequence[Cause], rig: Rig) -> list[Finding]:
     """Return the groups of causes that no sensor tests, each with its drives."""
     drives = dict[str, list[str]]()
-    groups = {"scale": SCALE, "arm": SCALE, "zero": ZERO}
-    of = {sensor.name: sensor for sensor in rig.sensors}
     for cause in causes:
-        sensor = of[cause.channels[0]] if cause.channels else None
-        group = groups.get(cause.kind, COMPLIANCE)
-        if sensor is not None and sensor.measures != "position":
-            group = COMPLIANCE
-        tendon = int(cause.paths[0].split(".")[1]) if cause.paths else 0
-        drive = rig.tendons[tendon].drive if sensor is None else sensor.of
-        drives.setdefault(group, [])
-        if drive not in drives[group]:
-            drives[group].append(drive)
+        group = {"scale": SCALE, "arm": SCALE, "zero": ZERO}.get(cause.kind, COMPLIANCE)
+        if cause.paths:
+            drive = tendon_of(rig, cause).drive
+        else:
+            sensor = sensor_of(rig, cause)
+            drive = sensor.of
+            group = group if sensor.measures == "position" else COMPLIANCE
+        drives.setdefault(group, []).append(drive)
     findings = []
-    for group, named in drives.items():
+    for group, repeated in drives.items():
+        named = dict.fromkeys(repeated)
         of_all = "all drives" if len(named) == len(rig.drives) > 1 else ", ".join(named)
         subject = f"{group} of {of_all}"
         text = f"{subject}: an error there changes the angle but no innovation"
@@ -244,8 +242,7 @@ def against_truth(result: Estimate) -> list[Finding]:
     if result.truths is None:
         return []
     errors = np.abs(result.angles - result.truths)
-    has_truth = np.isfinite(errors)
-    counts = has_truth.sum(axis=0)
+    counts = np.isfinite(errors).sum(axis=0)
     shares = (errors <= BAND * result.angle_stds).sum(axis=0) / np.maximum(counts, 1)
     spans = max(float(np.ptp(result.time)) / SPAN, 1.0)
     least = COVERED - quantile(len(shares)) * np.sqrt(COVERED * (1.0 - COVERED) / spans)
@@ -344,6 +341,5 @@ def not_free(log: Log, rig: Rig) -> list[Finding]:
 
 
 def _share_outside(readings: Floats, low: float, high: float) -> float:
-    finite: Floats = readings[np.isfinite(readings)]
-    outside: Bools = (finite < low) | (finite > high)
-    return float(np.mean(outside)) if len(finite) else 0.0
+    finite = readings[np.isfinite(readings)]
+    return float(np.mean((finite < low) | (finite > high))) if len(finite) else 0.0

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from distal.diagnosis.causes import UNITS, Cause
-from distal.rig import Rig
+from distal.rig import Rig, Sensor, Tendon
 from distal.units import rounded
+
+Silent = Literal["hardly compared", "not tested", "cannot test", "would explain"]
+"""Kinds of findings that speak neither against the rig nor for it: what the log does not test, and
+what would explain an error that the band allows.
+"""
 
 Kind = Literal[
     "against the truth",
@@ -23,19 +28,9 @@ Kind = Literal[
     "looks like",
     "out of range",
     "not free",
-    "hardly compared",
-    "not tested",
-    "cannot test",
-    "would explain",
+    Silent,
 ]
-"""Kinds of findings. The last four are no contradictions: what the log does not test, and what
-would explain an error that the band allows.
-"""
-
-SILENT: frozenset[Kind] = frozenset(
-    {"hardly compared", "not tested", "cannot test", "would explain"}
-)
-"""Kinds of findings that speak neither against the rig nor for it."""
+"""Kinds of findings."""
 
 SCALE = "gear, spool, moment arm, unit or sign"
 """Group of causes that scale the position of a drive alike; nothing proximal tells them apart."""
@@ -118,7 +113,7 @@ class Finding:
     @property
     def contradicts(self) -> bool:
         """Whether the finding speaks against the rig, the sensors or the band."""
-        return self.kind not in SILENT
+        return self.kind not in get_args(Silent)
 
 
 def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:
@@ -129,6 +124,16 @@ def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:
     named = {"friction": "friction of ", "damping": "damping of "}.get(cause.kind, "")
     subject = f"{named}{cause.subject}"
     return Finding(kind, subject, f"{subject} {verb} {_like(rig, cause, x)}")
+
+
+def sensor_of(rig: Rig, cause: Cause) -> Sensor:
+    """Return the first sensor whose readings a cause changes."""
+    return rig.sensors[rig.sensor_names.index(cause.channels[0])]
+
+
+def tendon_of(rig: Rig, cause: Cause) -> Tendon:
+    """Return the first tendon whose parameters a cause changes."""
+    return rig.tendons[int(cause.paths[0].split(".")[1])]
 
 
 def _like(rig: Rig, cause: Cause, x: float) -> str:
@@ -143,8 +148,7 @@ def _like(rig: Rig, cause: Cause, x: float) -> str:
     if cause.kind == "arm":
         return f"as if its moment arm were {factor:.3g} times the rig's"
     if cause.kind == "stiffness":
-        tendon = int(cause.paths[0].split(".")[1])
-        return _like_a_stretch(rig.tendons[tendon].drive, 1.0 / factor)
+        return _like_a_stretch(tendon_of(rig, cause).drive, 1.0 / factor)
     if cause.kind in ("friction", "damping"):
         return f"about {factor:.2g} times the rig's"
     return _like_a_scale(rig, cause, 1.0 / factor)
@@ -156,7 +160,7 @@ def _like_a_scale(rig: Rig, cause: Cause, factor: float) -> str:
         if factor > 0.0 and abs(np.log(factor / unit)) < THRESHOLDS.alike:
             return look
     size = abs(factor)
-    sensor = next(sensor for sensor in rig.sensors if sensor.name == cause.channels[0])
+    sensor = sensor_of(rig, cause)
     if factor < 0.0:
         by = "" if abs(np.log(size)) < THRESHOLDS.alike else f", and {size:.2g} times too large"
         side = ", or the side of its tendon," if sensor.measures == "position" else ""

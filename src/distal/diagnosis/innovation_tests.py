@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from statistics import NormalDist
 
 import numpy as np
@@ -58,8 +59,7 @@ def span_sums(values: Floats, time: Floats) -> Floats:
         time: stamps [s], (k,).
     """
     starts = np.searchsorted(time, np.arange(time[0], time[-1] + 1e-9, SPAN))
-    sums: Floats = np.add.reduceat(np.nan_to_num(values), np.unique(starts), axis=0)
-    return sums
+    return np.add.reduceat(np.nan_to_num(values), np.unique(starts), axis=0)
 
 
 def independent(residuals: Floats, time: Floats) -> Floats:
@@ -75,6 +75,17 @@ def independent(residuals: Floats, time: Floats) -> Floats:
     counts = np.isfinite(residuals).sum(axis=0)
     values: Floats = counts * np.minimum(1.0, plain / np.maximum(together, 1e-300))
     return values
+
+
+def finite_means(values: Floats) -> Floats:
+    """Return the mean of each column over its values that are not NaN, (n,); 0 where none is.
+
+    Args:
+        values: (k, n).
+    """
+    counts = np.maximum(np.isfinite(values).sum(axis=0), 1)
+    means: Floats = np.nansum(values, axis=0) / counts
+    return means
 
 
 @dataclass(frozen=True)
@@ -100,22 +111,20 @@ class ScoreTest:
         The weight of a channel's values is that of what a cause leaves of them, so that what it
         explains does not count as noise.
         """
+        compared = np.isfinite(self.residuals)
         residuals = np.nan_to_num(self.residuals)
-        counts = np.maximum(np.isfinite(self.residuals).sum(axis=0), 1)
-        inverse = 1.0 / np.maximum(np.sum(residuals**2, axis=0) / counts, 1.0)
+        counts = np.maximum(compared.sum(axis=0), 1)
+        inverse = 1.0 / np.maximum(finite_means(self.residuals**2), 1.0)
         sums = np.zeros((len(self.slopes), 3))
         for k, by_cause in enumerate(self.slopes):
-            usable = np.isfinite(self.residuals) & (np.abs(by_cause) < UNBOUNDED)
-            slopes = np.where(usable, by_cause, 0.0)
-            square = float(np.sum(inverse * slopes**2))
+            slopes = np.where(compared & (np.abs(by_cause) < UNBOUNDED), by_cause, 0.0)
+            square = np.sum(inverse * slopes**2)
             if square > 0.0:
-                x = -float(np.sum(inverse * slopes * residuals)) / square
-                left = np.where(np.isfinite(self.residuals), residuals + slopes * x, np.nan)
-                variances = np.maximum(np.nansum(left**2, axis=0) / counts, 1.0)
-                weights = independent(left, self.time) / counts / variances
-                score = -float(np.sum(weights * slopes * residuals))
-                information = float(np.sum(weights * slopes**2))
-                sums[k] = score, information, x
+                x = -np.sum(inverse * slopes * residuals) / square
+                left = self.residuals + slopes * x
+                variances = np.maximum(finite_means(left**2), 1.0)
+                weighted = independent(left, self.time) / counts / variances * slopes
+                sums[k] = -np.sum(weighted * residuals), np.sum(weighted * slopes), x
         return sums
 
     @property
@@ -123,15 +132,13 @@ class ScoreTest:
         """Change of each cause alone that makes the residuals least, (n,); zero where nothing
         depends on it.
         """
-        estimates: Floats = self._sums[:, 2]
-        return estimates
+        return self._sums[:, 2]
 
     @property
     def standard_errors(self) -> Floats:
         """Standard error of the estimates, 1/√I, (n,); infinite where nothing depends on it."""
         with np.errstate(divide="ignore"):
-            errors: Floats = 1.0 / np.sqrt(self._sums[:, 1])
-        return errors
+            return 1.0 / np.sqrt(self._sums[:, 1])
 
     @property
     def statistics(self) -> Floats:
@@ -140,9 +147,9 @@ class ScoreTest:
         """
         score, information, _ = self._sums.T
         variances = information + (information * self.stds) ** 2
-        return np.where(
-            information > 0.0, score**2 / np.where(variances > 0.0, variances, 1.0), 0.0
-        )
+        # without information there is no score either
+        statistics: Floats = score**2 / np.where(variances > 0.0, variances, 1.0)
+        return statistics
 
     @property
     def limit(self) -> float:
@@ -185,43 +192,39 @@ class ChannelStatistics:
     """
 
     names: tuple[str, ...]
-    ratios: tuple[float, ...]
-    correlations: tuple[float, ...]
-    since: tuple[float, ...]
-    shares: tuple[float, ...]
-    limits: tuple[float, ...]
+    ratios: Floats
+    correlations: Floats
+    since: Floats
+    shares: Floats
+    limits: Floats
+
+    @property
+    def is_tested(self) -> Bools:
+        """Whether each channel could have disagreed, (m,)."""
+        return (self.ratios >= SMALL) & (self.shares >= THRESHOLDS.never_compared)
 
     @property
     def tested(self) -> tuple[str, ...]:
         """Names of the channels that could have disagreed."""
-        statistics = zip(self.names, self.ratios, self.shares)
-        return tuple(
-            name
-            for name, ratio, share in statistics
-            if ratio >= SMALL and share >= THRESHOLDS.never_compared
-        )
+        return tuple(compress(self.names, self.is_tested))
 
     def disagreeing(self) -> list[Finding]:
         """Return the findings on channels that disagree."""
-        channels = range(len(self.names))
-        large = [i for i in channels if self.ratios[i] > self.limits[i]]
-        coloured = [
-            i
-            for i in channels
-            if self.correlations[i] > THRESHOLDS.coloured
-            and self.ratios[i] > THRESHOLDS.noise_ratio
-        ]
-        several = ", ".join(self.names[i] for i in large or coloured)
-        if len(large) == 1 and np.isfinite(self.since[large[0]]):
-            begin = f"sensor {several} disagrees from {self.since[large[0]]:.0f} s on"
+        large = self.ratios > self.limits
+        coloured = self.correlations > THRESHOLDS.coloured
+        coloured &= self.ratios > THRESHOLDS.noise_ratio
+        count = large.sum()
+        several = ", ".join(compress(self.names, large if count else coloured))
+        if count == 1 and np.isfinite(self.since[large][0]):
+            begin = f"sensor {several} disagrees from {self.since[large][0]:.0f} s on"
             return [Finding("disagrees", several, f"{begin}: its innovations are too large")]
-        if large:
-            verb = "disagrees" if len(large) == 1 else "disagree"
-            size = np.sqrt(max(self.ratios[i] for i in large))
+        if count:
+            verb = "disagrees" if count == 1 else "disagree"
+            size = np.sqrt(self.ratios[large].max())
             text = f"{several} {verb} with the rig: innovations {size:.1f}× larger than normal"
             return [Finding("too large", several, text)]
-        if coloured:
-            largest = max(self.correlations[i] for i in coloured)
+        if several:
+            largest = self.correlations[coloured].max()
             text = f"innovations of {several} are not white (correlation {largest:.1f})"
             text += ": something acts that the rig does not have"
             return [Finding("drifts", several, text)]
@@ -236,8 +239,8 @@ class ChannelStatistics:
                 text += " (missing, or the slider at a stop)"
                 findings.append(Finding("hardly compared", name, text))
             if share >= THRESHOLDS.never_compared and ratio < SMALL:
-                size = f"only {np.sqrt(ratio):.2f} of the expected size"
-                text = f"not tested by {name}: its innovations are {size}"
+                text = f"not tested by {name}: its innovations are "
+                text += f"only {np.sqrt(ratio):.2f} of the expected size"
                 findings.append(Finding("not tested", name, text))
         return findings
 
@@ -258,37 +261,25 @@ def statistics_of(
     """
     # in the first moments the filter still finds the parameters
     settled = time >= time[0] + min(0.5, 0.1 * float(np.ptp(time)))
-    columns = scaled.T
+    shares = np.isfinite(scaled).mean(axis=0)
     if is_taught:
-        compared = np.isfinite(scaled)
-        return ChannelStatistics(
-            tuple(names),
-            tuple(np.where(compared.any(axis=0), 1.0, np.nan).tolist()),
-            (0.0,) * len(names),
-            (np.nan,) * len(names),
-            tuple(compared.mean(axis=0).tolist()),
-            (np.inf,) * len(names),
-        )
-    likely = [_neighbours(column[settled]) for column in columns]
-    limits = []
-    for column, correlation in zip(columns, likely):
-        count = max(int(np.isfinite(column[settled]).sum()), 1)
-        square = min(correlation**2, 0.99)
-        spread = np.sqrt(2.0 * (1.0 + square) / (1.0 - square) / count)
-        limits.append(THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * float(spread)))
+        ratios = np.where(shares > 0.0, 1.0, np.nan)
+        none, never, beyond = (np.full(len(names), x) for x in (0.0, np.nan, np.inf))
+        return ChannelStatistics(tuple(names), ratios, none, never, shares, beyond)
+    later = scaled[settled]
+    counts = np.isfinite(later).sum(axis=0)
+    correlations = np.array([_neighbours(column) for column in later.T])
+    squares = np.minimum(correlations**2, 0.99)
+    spreads = np.sqrt(2.0 * (1.0 + squares) / (1.0 - squares) / np.maximum(counts, 1))
+    limits = THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * spreads)
     return ChannelStatistics(
         tuple(names),
-        tuple(_mean(column[settled] ** 2) for column in columns),
-        tuple(likely),
-        tuple(_since(time, column, limit) for column, limit in zip(columns, limits)),
-        tuple(float(np.mean(np.isfinite(column))) for column in columns),
-        tuple(limits),
+        np.where(counts > 0, finite_means(later**2), np.nan),
+        correlations,
+        np.array([_since(time, *channel) for channel in zip(scaled.T, limits)]),
+        shares,
+        limits,
     )
-
-
-def _mean(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.mean(finite)) if len(finite) else float("nan")
 
 
 def _neighbours(values: Floats) -> float:
@@ -323,10 +314,9 @@ def _left(estimate: Estimate) -> list[Finding]:
     spreads = np.sqrt(estimate.variances[-1])
     away = np.abs(ends - means)
     left = dict[str, Finding]()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        # NaN: a state that is meant to move
-        order = np.flatnonzero((stds > 0.0) & (away - spreads > LARGE_PRIOR * stds))
-        order = order[np.argsort(-away[order] / stds[order], kind="stable")]
+    # NaN: a state that is meant to move
+    order = np.flatnonzero((stds > 0.0) & (away - spreads > LARGE_PRIOR * stds))
+    order = order[np.argsort(-away[order] / stds[order], kind="stable")]
     for i in order:
         # the weights of a sensor's linearity are one thing
         is_linearity = estimate.state_kinds[i] is StateKind.LINEARITY
@@ -356,9 +346,8 @@ def _friction(estimate: Estimate) -> list[Finding]:
     findings = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
         friction = estimate.means[-1, i]
-        std = np.sqrt(estimate.variances[-1, i])
-        prior = np.sqrt(estimate.variances[0, i])
-        if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
+        prior, std = np.sqrt(estimate.variances[[0, -1], i])
+        if kind is StateKind.FRICTION and friction > max(0.25 * prior, 3.0 * std):
             size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
             text = f"{size} (set drives.{drive}.friction, or a hand acts)"
             findings.append(Finding("friction", drive, text))
@@ -423,8 +412,7 @@ class Diagnosis:
         elif not self.tested:
             parts += [f.text for f in small] or ["not tested: hardly anything could be compared"]
         else:
-            shares = zip(self.channels.names, self.channels.shares)
-            least = min(share for name, share in shares if name in self.tested)
+            least = self.channels.shares[self.channels.is_tested].min()
             verb = "agrees" if len(self.tested) == 1 else "agree"
             compared = f"{100 * least:.0f} % compared"
             agree = f"{', '.join(self.tested)} {verb} with the rig, {compared}"
@@ -449,8 +437,8 @@ def diagnose_estimate(
     """
     channels = channels_of(estimate) if channels is None else channels
     # the truth has the last word, so it is said first; causes come right after what they explain
-    ranks: list[Sequence[Kind]] = [("against the truth",), ("looks like", "cannot be there")]
-    truth, looks = ([f for f in further if f.kind in kinds] for kinds in ranks)
+    truth = [finding for finding in further if finding.kind == "against the truth"]
+    looks = [finding for finding in further if finding.kind in ("looks like", "cannot be there")]
     disagreeing = channels.disagreeing()
     findings = [
         *truth,

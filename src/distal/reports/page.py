@@ -72,11 +72,11 @@ def paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>"
 
 
-def svg_of(figure: Figure, description: str = "") -> str:
+def svg_of(figure: Figure, description: str) -> str:
     """Return a figure as an SVG element, with a description for readers who cannot see it."""
     text = figure_bytes(figure, "page.svg").decode()
-    label = f"role='img' aria-label='{escape(description)}' " if description else ""
-    return text[text.index("<svg") :].replace("<svg ", f"<svg {label}", 1)
+    label = f"<svg role='img' aria-label='{escape(description)}' "
+    return text[text.index("<svg") :].replace("<svg ", label, 1)
 
 
 def picture(svg: str, caption: str) -> str:

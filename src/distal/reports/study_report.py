@@ -16,7 +16,6 @@ from distal.reports.rig_drawing import rig_svg
 from distal.results import html_table
 from distal.study import Plan, Space
 from distal.study.answer import Answer
-from distal.study.runs import MEASURES
 from distal.units import rounded
 
 SHOWN = 10
@@ -52,7 +51,7 @@ def study_report(plan: Plan, space: Space, answer: Answer, folder: Path) -> Path
     rows = [
         [name, f"{part.met:,} of {part.rigs:,}", part] for name, part in answer.scenarios.items()
     ]
-    measured = [[WORDS[name], f"{answer.measures[name]:.3g}"] for name in MEASURES]
+    measured = [[label, f"{answer.measures[name]:.3g}"] for name, label in WORDS.items()]
     parts = [
         f"<p class='answer'>{escape(answer.sentence)}</p>",
         html_table(["scenario", "rigs that meet it", "share"], rows),
@@ -60,22 +59,21 @@ def study_report(plan: Plan, space: Space, answer: Answer, folder: Path) -> Path
     ]
     if answer.needs:
         needs = [
-            [need.verdict.value if k == 0 else "", part, share]
+            [need.verdict if k == 0 else "", part, share]
             for need in answer.needs
             for k, (part, share) in enumerate(need.shares)
         ]
-        table = html_table(["", "where it is best", "rigs that meet it"], needs)
-        parts += [heading("What is needed"), table]
+        columns = ["", "where it is best", "rigs that meet it"]
+        parts += [heading("What is needed"), html_table(columns, needs)]
     if answer.regions:
         regions = [[where, part, f"{part.rigs:,}"] for where, part in answer.regions[:SHOWN]]
-        table = html_table(["designs", "rigs that meet it", "rigs"], regions, [2])
-        parts += [heading("Where it is met"), table]
+        columns = ["designs", "rigs that meet it", "rigs"]
+        parts += [heading("Where it is met"), html_table(columns, regions, [2])]
     parts += [heading("The rig"), picture(rig_svg(plan.rig), "The rig before any change.")]
     if answer.problems:
         problems = [*answer.problems.items()][:SHOWN]
         parts += [heading("Runs that failed"), html_table(["why", "runs"], problems, [1])]
-    text = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda v: v.value)
-    write_together(
-        {folder / "index.html": page(title, lead, parts), folder / "answer.json": text + "\n"}
-    )
-    return folder / "index.html"
+    text = json.dumps(asdict(answer), indent=2, ensure_ascii=False)
+    index = folder / "index.html"
+    write_together({index: page(title, lead, parts), folder / "answer.json": text + "\n"})
+    return index

@@ -161,21 +161,21 @@ class Estimate:
             angles = self.angles[:, joint]
             stds = self.angle_stds[:, joint]
             truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
-            errors = (angles - truth)[np.isfinite(truth)]
-            inside = np.abs(errors) <= BAND * stds[np.isfinite(truth)]
+            has_truth = np.isfinite(truth)
+            errors = np.abs(angles - truth)[has_truth]
             row: SummaryRow = {
                 "joint": name,
                 "least [deg]": float(np.rad2deg(angles.min())),
                 "greatest [deg]": float(np.rad2deg(angles.max())),
                 "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
-                "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2))))
-                if len(errors)
-                else None,
-                "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors))))
-                if len(errors)
-                else None,
-                "inside band": float(np.mean(inside)) if len(errors) else None,
+                "RMS error [deg]": None,
+                "largest error [deg]": None,
+                "inside band": None,
             }
+            if has_truth.any():
+                row["RMS error [deg]"] = float(np.rad2deg(np.sqrt(np.mean(errors**2))))
+                row["largest error [deg]"] = float(np.rad2deg(errors.max()))
+                row["inside band"] = float(np.mean(errors <= BAND * stds[has_truth]))
             rows.append(row)
         return rows
 
@@ -239,16 +239,11 @@ class Estimate:
         Raises:
             EstimationError: there is no such state.
         """
-        if (
-            name in self.state_parts
-            and self.state_kinds[self.state_parts.index(name)] is StateKind.PARAMETER
-        ):
-            return self.means[:, self.state_parts.index(name)]
-        if name not in self.state_names:
-            raise EstimationError(
-                f"no state is called '{name}'{did_you_mean(name, self.state_names)}"
-            )
-        return self.means[:, self.state_names.index(name)]
+        states = zip(self.state_names, self.state_kinds, self.state_parts)
+        for i, (state, kind, part) in enumerate(states):
+            if name == state or (kind is StateKind.PARAMETER and name == part):
+                return self.means[:, i]
+        raise EstimationError(f"no state is called '{name}'{did_you_mean(name, self.state_names)}")
 
     @property
     def stds(self) -> Floats:
@@ -331,9 +326,8 @@ class Estimate:
         is inside.
         """
         errors = self.errors()
-        finite = np.isfinite(errors)
-        stds = self.angle_stds.reshape(errors.shape)
-        return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite]))
+        inside = np.abs(errors) <= BAND * self.angle_stds.reshape(errors.shape)
+        return float(np.mean(inside[np.isfinite(errors)]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
         """Return header → column: ``t [s]``, the angles, their standard deviations ``…_std``, and

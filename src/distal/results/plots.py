@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypedDict
@@ -18,19 +18,10 @@ from typing import TYPE_CHECKING, Protocol, TypedDict
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import OutputError
-from distal.logs import write_whole
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-from typing import TYPE_CHECKING
-
 from distal.confidence import BAND, COVERED_TEXT
-from distal.errors import did_you_mean
-from distal.logs import Log
-from distal.rig import Rig, Sensor
+from distal.errors import OutputError, did_you_mean
+from distal.logs import Log, write_whole
+from distal.rig import Rig
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -206,12 +197,13 @@ class Curves(Protocol):
         """Variances S of the innovations, (k, m)."""
 
 
-def styled() -> AbstractContextManager[None]:
-    """Return a context in which matplotlib draws axes and legends in this style."""
+@contextmanager
+def styled() -> Iterator[None]:
+    """Let matplotlib draw axes and legends in this style."""
     import matplotlib
 
-    context: AbstractContextManager[None] = matplotlib.rc_context(STYLE)
-    return context
+    with matplotlib.rc_context(STYLE):
+        yield
 
 
 @contextmanager
@@ -383,7 +375,11 @@ def draw_innovations(axes: Axes, result: Curves) -> None:
 
 def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     """Draw the forces and motor torques at the drives and the tensions that a log has."""
-    sensors = pulls_of(log, rig)
+    sensors = [
+        sensor
+        for sensor in rig.sensors
+        if sensor.measures in ("force", "tension") and sensor.name in log.channels
+    ]
     for i, sensor in enumerate(sensors):
         force = log.channels[sensor.name]
         style = curve_style(i)
@@ -394,25 +390,11 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     _finish(axes, "" if sensors else "no force is measured")
 
 
-def pulls_of(log: Log, rig: Rig) -> list[Sensor]:
-    """Return the sensors of forces, motor torques and tensions whose readings a log has."""
-    return [
-        sensor
-        for sensor in rig.sensors
-        if sensor.measures in ("force", "tension") and sensor.name in log.channels
-    ]
-
-
 def _finish(axes: Axes, text: str) -> None:
     """Put the legend above a panel, and a text that says why it is empty into its middle."""
     legend_above(axes, most=6)
     middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
     axes.text(0.5, 0.5, text, color=SOFT, **middle)
-
-
-def in_order(words: Iterable[str]) -> list[str]:
-    """Return the health words that occur, "ok" first, the others by the alphabet."""
-    return sorted(set(words), key=lambda word: (word != "ok", word))
 
 
 SHADED = {"touched": FAINT, "outside": PALE}
@@ -427,13 +409,13 @@ def _spans(time: Floats, health: Sequence[str], word: str) -> list[tuple[float, 
 
 
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
-    """Draw as bars, in one row for each health word, when the word held.
+    """Draw as bars, in one row for each health word, "ok" first, when the word held.
 
     Args:
         time: time since the first sample [s], (k,).
         health: the health word of each sample, (k,).
     """
-    words = in_order(health)
+    words = sorted(set(health), key=lambda word: (word != "ok", word))
     for row, word in enumerate(words):
         spans = _spans(time, health, word)
         axes.broken_barh(
@@ -507,7 +489,21 @@ def plot_estimates(
             column[1].tick_params(labelbottom=not panels or joints > 1)
         for row, panel in enumerate(panels, start=2):
             position = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
-            _draw_panel(position, panel, first, log, rig, health)
+            if panel == "innovations":
+                draw_innovations(position, first)
+            elif panel == "forces":
+                if log is None or rig is None:
+                    raise OutputError(
+                        "the panel 'forces' draws what was measured; give log=… and rig=…"
+                    )
+                draw_forces(position, log, rig)
+            else:
+                if health is None:
+                    raise OutputError(
+                        "the panel 'health' draws a word for each sample; give "
+                        "health=distal.log_health(log, rig)"
+                    )
+                draw_health(position, from_start(first.time), health)
             if row == len(heights) - 1:
                 position.set_xlabel(time_label(first.time))
         drawing.align_ylabels()
@@ -535,29 +531,6 @@ def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
     return tuple(panels)
 
 
-def _draw_panel(
-    axes: Axes,
-    panel: str,
-    first: Curves,
-    log: Log | None,
-    rig: Rig | None,
-    health: Sequence[str] | None,
-) -> None:
-    if panel == "innovations":
-        draw_innovations(axes, first)
-    elif panel == "forces":
-        if log is None or rig is None:
-            raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
-        draw_forces(axes, log, rig)
-    else:
-        if health is None:
-            raise OutputError(
-                "the panel 'health' draws a word for each sample; give "
-                "health=distal.log_health(log, rig)"
-            )
-        draw_health(axes, from_start(first.time), health)
-
-
 def _draw_joint(
     axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, health: Sequence[str] | None
 ) -> None:
@@ -567,17 +540,21 @@ def _draw_joint(
     top, below = axes
     first = estimates[0]
     truth = _truth_of(first, joint)
+    since = from_start(first.time)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
-        (line,) = top.plot(from_start(first.time), np.rad2deg(truth), **TRUTH)
+        (line,) = top.plot(since, np.rad2deg(truth), **TRUTH)
         entries.append((line, "truth"))
     for i, estimate in enumerate(estimates):
-        handle = _draw_estimate(top, estimate, i, joint)
+        theta = np.rad2deg(estimate.angles[:, joint])
+        half = _half_width(estimate, joint)
+        time = from_start(estimate.time)
+        band = _shade(top, time, theta - half, theta + half, i)
+        handle = band, *top.plot(time, theta, linewidth=1.2, **curve_style(i))
         entries.append((handle, f"{estimate.estimator}, {COVERED_TEXT} band"))
     _limit_angles(top, estimates, joint)
-    time = from_start(first.time)
     for word, grey in SHADED.items():
-        spans = _spans(time, health or (), word)
+        spans = _spans(since, health or (), word)
         if spans:
             bars = top.broken_barh(
                 spans,
@@ -595,8 +572,8 @@ def _draw_joint(
         _draw_errors(below, estimates, joint)
         return
     for i, estimate in enumerate(estimates):
-        time = from_start(estimate.time)
-        below.plot(time, _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
+        half = _half_width(estimate, joint)
+        below.plot(from_start(estimate.time), half, linewidth=1.0, **curve_style(i))
     below.set_ylim(bottom=0.0)
     below.set_ylabel(f"{COVERED_TEXT} band ± [°]")
 
@@ -608,7 +585,8 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     drawn = []
     for i, estimate in enumerate(estimates):
         time = from_start(estimate.time)
-        error = _error(estimate, joint)
+        truth = _truth_of(estimate, joint)
+        error = np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
         half = _half_width(estimate, joint)
         _shade(axes, time, -half, half, i)
         axes.plot(time, error, linewidth=1.0, **curve_style(i))
@@ -626,29 +604,9 @@ def _truth_of(estimate: Curves, joint: int) -> Floats | None:
     return estimate.truths[:, joint]
 
 
-def _error(estimate: Curves, joint: int) -> Floats:
-    """Return a joint's error [°], NaN where its truth is not known."""
-    truth = _truth_of(estimate, joint)
-    return np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
-
-
 def _half_width(estimate: Curves, joint: int) -> Floats:
     """Return the half-width of a joint's band [°]."""
     return np.rad2deg(BAND * estimate.angle_stds[:, joint])
-
-
-def _draw_estimate(axes: Axes, estimate: Curves, index: int, joint: int) -> Artist:
-    """Draw one joint's estimate and its band [°]; return the handle for a legend.
-
-    Args:
-        index: which colour and dash the curve has, from 0.
-        joint: index of the joint.
-    """
-    theta = np.rad2deg(estimate.angles[:, joint])
-    half = _half_width(estimate, joint)
-    time = from_start(estimate.time)
-    band = _shade(axes, time, theta - half, theta + half, index)
-    return band, *axes.plot(time, theta, linewidth=1.2, **curve_style(index))
 
 
 def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:
@@ -667,7 +625,9 @@ def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
     curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
     truth = _truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]
-    lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
+    every = np.concatenate(curves)
+    lowest = np.nanmin(every)
+    highest = np.nanmax(every)
     low, high = axes.get_ylim()
     room = 0.3 * max(highest - lowest, 1.0)
     axes.set_ylim(max(low, lowest - room), min(high, highest + room))

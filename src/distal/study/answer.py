@@ -5,14 +5,13 @@ it is met, and what is needed.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from itertools import pairwise
 from math import degrees
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.arrays import Bools
 from distal.errors import StudyError
@@ -52,15 +51,20 @@ class Proportion:
         )
 
 
+Shares = tuple[tuple[str, Proportion], ...]
+"""The shares of some regions or parts, each in words."""
+
+Parts = list[tuple[str, Bools]]
+"""Words for each part of an axis, and which rigs are in it, (n,)."""
+
+
 def proportion(met: Bools) -> Proportion:
     """Return the share of rigs that meet the requirement, (n,)."""
     from scipy.stats import binomtest
 
     result = binomtest(int(met.sum()), len(met))
     interval = result.proportion_ci(method="wilson")
-    return Proportion(
-        result.n, result.k, float(result.statistic), float(interval.low), float(interval.high)
-    )
+    return Proportion(result.n, result.k, result.statistic, interval.low, interval.high)
 
 
 def words_of(plan: Plan, name: str) -> str:
@@ -78,13 +82,13 @@ def setting_in_words(name: str, setting: Value, unit: str) -> str:
     return f"{name} {setting if isinstance(setting, str) else quantity(setting, unit)}"
 
 
-def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
-    """Return the parts of an axis: words for each, and which rigs are in it, (n,). A range has
-    `PARTS`.
+def parts_of(plan: Plan, axis: Axis, columns: Columns) -> Parts:
+    """Return the parts of an axis; a range has `PARTS`.
 
     Args:
-        values: what each rig has on this axis, (n,).
+        columns: of the rows.
     """
+    values = columns[axis.path][:: len(plan.scenarios)]
     name = words_of(plan, axis.path)
     if axis.choices:
         return [
@@ -98,7 +102,7 @@ def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[
     ]
 
 
-class Verdict(Enum):
+class Verdict(StrEnum):
     """Whether one thing that varies is needed, as far as the rows say.
 
     `SOME`: some of its choices or parts meet the requirement. `NOT_ENOUGH`: none does.
@@ -123,10 +127,10 @@ class Need:
 
     name: str
     verdict: Verdict
-    shares: tuple[tuple[str, Proportion], ...]
+    shares: Shares
 
 
-def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[Need, ...]:
+def needs_of(plan: Plan, parts: Mapping[Axis, Parts], good: Bools) -> tuple[Need, ...]:
     """Return for each thing that varies whether it is needed.
 
     A choice, or part of a range, is judged by the best share of rigs that it reaches: alone, or
@@ -136,25 +140,19 @@ def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[N
     Args:
         good: which rigs meet the requirement in all scenarios, (n,).
     """
-    parts = {
-        axis.path: parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
-        for axis in space.axes
-    }
     found = []
-    for axis in space.axes:
-        others = [cell for path, cells in parts.items() if path != axis.path for _, cell in cells]
-        best = []
-        for words, inside in parts[axis.path]:
-            cells = [inside, *(inside & other for other in others)]
-            shares = [proportion(good[cell]) for cell in cells if cell.any()]
-            if shares:
-                best.append((words, max(shares, key=lambda share: share.low)))
+    for axis, of_axis in parts.items():
+        others = [cell for beside, cells in parts.items() if beside != axis for _, cell in cells]
+        best: Shares = ()
+        for words, inside in of_axis:
+            together = [(words, inside & other) for other in others]
+            best += _shares([(words, inside), *together], good)[:1]
         if len(best) > 1:
             found.append(_need(plan, axis, best))
     return tuple(found)
 
 
-def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> Need:
+def _need(plan: Plan, axis: Axis, shares: Shares) -> Need:
     asked = plan.study.requirement.rigs
     meets = [share.low >= asked for _, share in shares]
     fails = [share.high < asked for _, share in shares]
@@ -170,7 +168,7 @@ def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> N
         verdict = Verdict.SOME
     else:
         verdict = Verdict.NOT_CERTAIN
-    return Need(axis.path, verdict, tuple(shares))
+    return Need(axis.path, verdict, shares)
 
 
 def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
@@ -185,7 +183,7 @@ def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
             if sensor_of(need.name) and need.verdict is verdict
         ]
         if names:
-            listed.append(f"{verdict.value}: {', '.join(names)}")
+            listed.append(f"{verdict}: {', '.join(names)}")
     return "; ".join(listed)
 
 
@@ -208,7 +206,7 @@ class Answer:
     overall: Proportion
     scenarios: dict[str, Proportion]
     needs: tuple[Need, ...]
-    regions: tuple[tuple[str, Proportion], ...]
+    regions: Shares
     problems: dict[str, int]
     measures: dict[str, float]
 
@@ -233,31 +231,26 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     good = np.all(met, axis=1)
     overall = proportion(good)
     of_scenario = {name: proportion(column) for name, column in zip(names, met.T)}
-    regions = _regions(plan, space, columns, good)
+    parts = {axis: parts_of(plan, axis, columns) for axis in space.axes}
+    regions = _regions(parts.values(), good)
     problems = dict(Counter(filter(None, columns["problem"].tolist())).most_common())
     if sum(problems.values()) == rows:
         raise StudyError(f"every run failed, so there is no answer: {next(iter(problems))}")
     measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
-    needs = needs_of(plan, space, columns, good)
+    needs = needs_of(plan, parts, good)
     sentence = _sentence(plan, overall, of_scenario, needs, regions, problems)
     return Answer(sentence, overall, of_scenario, needs, regions, problems, measures)
 
 
-def _regions(
-    plan: Plan, space: Space, columns: Columns, good: Bools
-) -> tuple[tuple[str, Proportion], ...]:
+def _regions(axes: Iterable[Parts], good: Bools) -> Shares:
     """Return regions of the space of designs with their shares of rigs, best first.
 
     The space is split along one axis after the other, first along that whose best part has the
     highest lower end of its interval; a split that does not raise that end is left out.
     """
-    splits = [
-        parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)]) for axis in space.axes
-    ]
-    splits.sort(key=lambda parts: -_shares(parts, good)[0][1].low)
-    cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))]
-    found: tuple[tuple[str, Proportion], ...] = ()
-    for parts in splits:
+    cells: Parts = [("", np.ones(len(good), dtype=np.bool_))]
+    found: Shares = ()
+    for parts in sorted(axes, key=lambda parts: -_shares(parts, good)[0][1].low):
         finer = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
         regions = _shares(finer, good)
         if not found or regions[0][1].low > found[0][1].low:
@@ -266,7 +259,7 @@ def _regions(
     return found
 
 
-def _shares(cells: Sequence[tuple[str, Bools]], good: Bools) -> tuple[tuple[str, Proportion], ...]:
+def _shares(cells: Parts, good: Bools) -> Shares:
     """Return the share of rigs in each cell that has any, best first."""
     shares = [(words, proportion(good[cell])) for words, cell in cells if cell.any()]
     return tuple(sorted(shares, key=lambda share: -share[1].low))
@@ -277,7 +270,7 @@ def _sentence(
     overall: Proportion,
     scenarios: dict[str, Proportion],
     needs: Sequence[Need],
-    regions: Sequence[tuple[str, Proportion]],
+    regions: Shares,
     problems: dict[str, int],
 ) -> str:
     asked = plan.study.requirement
@@ -295,7 +288,7 @@ def _sentence(
         text += f"; worst: {min(scenarios, key=lambda name: scenarios[name].share)}"
     if short := needs_in_short(plan, needs):
         text += f"; {short}"
-    if regions and len(regions) > 1:
+    if len(regions) > 1:
         text += f". Best: {': '.join(map(str, regions[0]))}"
     if problems:
         text += f". {sum(problems.values())} runs failed and count as not met"

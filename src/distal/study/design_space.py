@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import exp, log
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from zlib import crc32
@@ -156,8 +155,7 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path = Pat
     def position(name: str) -> str | Path:
         return beside / name if name.endswith(".toml") else name
 
-    rig = load_rig(position(study.rig))
-    rig = rig.with_values(study.set) if study.set else rig
+    rig = load_rig(position(study.rig)).with_values(study.set)
     joints = rig.joint_names
     if study.requirement.joint not in joints:
         name = study.requirement.joint
@@ -165,12 +163,12 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path = Pat
             f"{source}: requirement.joint: the rig has no joint "
             f"'{name}'{did_you_mean(name, joints)}"
         )
-    scenarios = [load_scenario(position(name)) for name in study.scenarios]
-    if study.duration is not None:
-        scenarios = [
-            scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios
-        ]
-    for name, scenario in zip(study.scenarios, scenarios):
+    scenarios = list[Scenario]()
+    for name in study.scenarios:
+        scenario = load_scenario(position(name))
+        if study.duration is not None:
+            scenario = scenario.model_copy(update={"duration": study.duration})
+        scenarios.append(scenario)
         try:
             prepare(rig, scenario)
         except DistalError as problem:  # every run would fail for it
@@ -203,7 +201,7 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
     shared error. Nominal forces are not drawn.
     """
     draws = list[Draw]()
-    common = dict[str, tuple[float, list[str]]]()
+    common = dict[str, Draw]()
     for kind, components in rig.components.items():
         for i, part in enumerate(components):
             for path, parameter in parameters_below(part, f"{kind}.{i}"):
@@ -211,19 +209,21 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
                     continue
                 if parameter.std > 0.0:
                     draws.append(Draw(named(rig, path), parameter.std, (path,)))
-                if parameter.shared is not None and parameter.shared.std > 0.0:
-                    common.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(
-                        path
-                    )
-    return (*draws, *(Draw(name, std, tuple(paths), True) for name, (std, paths) in common.items()))
+                shared = parameter.shared
+                if shared is not None and shared.std > 0.0:
+                    before = common[shared.name].paths if shared.name in common else ()
+                    common[shared.name] = Draw(shared.name, shared.std, (*before, path), True)
+    return (*draws, *common.values())
 
 
 def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
     """Return by how many standard deviations each draw is off: name → standard normal number. The
     number depends on the draw's name and the seed alone.
     """
-    keys = ([*seed, crc32(draw.name.encode())] for draw in draws)
-    return {draw.name: float(np.random.default_rng(key).normal()) for draw, key in zip(draws, keys)}
+    return {
+        draw.name: float(np.random.default_rng([*seed, crc32(draw.name.encode())]).normal())
+        for draw in draws
+    }
 
 
 def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) -> dict[str, float]:
@@ -239,16 +239,14 @@ def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) ->
     values: dict[str, float] = {}
     for draw in sorted(draws, key=lambda draw: not draw.common):
         for path in draw.paths:
-            nominal = number(rig, path).value
-            bound = number(rig, path).quantity.bound
-            rough = bound == "positive" and known_to_a_factor(
-                path, 1.0 if draw.common else nominal, draw.std
-            )
-            if draw.common:
-                values[path] = nominal * _drawn(1.0, draw.std, score[draw.name], True, rough)
-            else:
-                mean = values.get(path, nominal)
-                values[path] = _drawn(mean, draw.std, score[draw.name], bound != "any", rough)
+            of = number(rig, path)
+            bound = of.quantity.bound
+            # a shared error is a share of the value
+            size, nominal = (of.value, 1.0) if draw.common else (1.0, of.value)
+            mean = nominal if draw.common else values.get(path, nominal)
+            bounded = draw.common or bound != "any"
+            rough = bound == "positive" and known_to_a_factor(path, nominal, draw.std)
+            values[path] = size * _drawn(mean, draw.std, score[draw.name], bounded, rough)
     return values
 
 
@@ -311,98 +309,64 @@ class Axis:
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         if self.scale == "log":
-            return exp(log(self.low) + share * (log(self.high) - log(self.low)))
+            return float(self.low * (self.high / self.low) ** share)
         return self.low + share * (self.high - self.low)
 
 
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
-    sensors = rig.sensor_names
     if path in (ESTIMATOR, FEEDBACK):
         allowed = [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())]
-        names = _list(path, raw)
+        names = _list(raw)
         for name in names:
             if name not in allowed:
-                raise StudyError(f"vary.{path}: unknown '{name}'{did_you_mean(str(name), allowed)}")
+                raise StudyError(f"unknown '{name}'{did_you_mean(str(name), allowed)}")
         return Axis(path, choices=tuple(map(str, names)))
     if sensor := sensor_of(path):
-        if sensor not in sensors:
-            raise StudyError(
-                f"vary.{path}: the rig has no such sensor{did_you_mean(sensor, sensors)}"
-            )
-        flags = _list(path, raw)
+        if sensor not in rig.sensor_names:
+            raise StudyError(f"the rig has no such sensor{did_you_mean(sensor, rig.sensor_names)}")
+        flags = _list(raw)
         if not all(isinstance(flag, bool) for flag in flags):
-            raise StudyError(
-                f"vary.{path}: a sensor is there or not, [true, false]; {raw!r:.60} came"
-            )
+            raise StudyError(f"a sensor is there or not, [true, false]; {raw!r:.60} came")
         return Axis(path, choices=tuple(map(bool, flags)))
-    try:
-        unit = _unit(rig, path)
-        if isinstance(raw, Mapping):
-            _check_smooth(rig, path)
-            return _range(path, raw, unit)
-        axis = Axis(path, unit, tuple(to_si(choice, unit) for choice in _list(path, raw)))
-        for choice in axis.choices:
-            rig.with_values({path: choice})
-    except StudyError:
-        raise
-    except DistalError as problem:
-        raise StudyError(f"vary.{path}: {problem}") from None
-    return axis
-
-
-def _unit(rig: Rig, path: str) -> str:
-    """Return the SI unit of a number: ``*`` in its path stands for all parts of a kind, a std has
-    the unit of its number, a shared std has none.
-    """
-    keys = path.replace(ALL, "0")
-    if keys.endswith(".shared.std"):
-        number(rig, keys.removesuffix(".shared.std"))
-        return ""
-    return number(rig, keys.removesuffix(".std")).quantity.si
-
-
-def _check_smooth(rig: Rig, path: str) -> None:
-    """Refuse a range of a number that is a constant of compiled kernels: each design would need its
-    own.
-    """
-    keys = path.replace(ALL, "0").removesuffix(".std").removesuffix(".shared")
+    # `*` stands for all parts of a kind; a std has the unit of its number, a shared std has none
+    keys = path.replace(ALL, "0").removesuffix(".shared.std").removesuffix(".std")
+    varied = number(rig, keys)
+    unit = "" if path.endswith(".shared.std") else varied.quantity.si
+    if not isinstance(raw, Mapping):
+        return Axis(path, unit, tuple(to_si(choice, unit) for choice in _list(raw)))
+    # a constant of compiled kernels
     fixed = (
-        not number(rig, keys).is_parameter
-        or path.startswith("sensors.")
-        or path.endswith(".nominal_force")
+        not varied.is_parameter or path.startswith("sensors.") or path.endswith(".nominal_force")
     )
     if fixed and not path.endswith((".noise", ".linearity")):
         raise StudyError(
-            f"vary.{path}: each value of it needs a kernel of its own; give a list of a few "
-            "values, no range"
+            "each value of it needs a kernel of its own; give a list of a few values, no range"
         )
+    return _range(path, raw, unit)
 
 
-def _list(path: str, raw: object) -> Sequence[object]:
+def _list(raw: object) -> Sequence[object]:
     if not isinstance(raw, (list, tuple)) or not raw:
-        raise StudyError(
-            f"vary.{path}: must be a list of values or {{ from = …, to = … }}; {raw!r:.60} came"
-        )
+        raise StudyError(f"must be a list of values or {{ from = …, to = … }}; {raw!r:.60} came")
     return raw
 
 
 def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
     for key in raw:
         if key not in KEYS:
-            raise StudyError(f"vary.{path}: unknown key '{key}'{did_you_mean(key, KEYS)}")
+            raise StudyError(f"unknown key '{key}'{did_you_mean(key, KEYS)}")
     if "from" not in raw or "to" not in raw:
-        raise StudyError(f"vary.{path}: a range needs 'from' and 'to'")
+        raise StudyError("a range needs 'from' and 'to'")
     low = to_si(raw["from"], unit)
     high = to_si(raw["to"], unit)
     scale = raw.get("scale", "linear")
     if not low < high:
         raise StudyError(
-            f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}"
+            f"the range is empty: from {low:g} {unit} must be below to {high:g} {unit}"
         )
     if scale not in ("linear", "log") or (scale == "log" and low <= 0.0):
         raise StudyError(
-            f"vary.{path}: scale is 'linear', or 'log' from above zero; {scale!r:.40} from "
-            f"{low:g} came"
+            f"scale is 'linear', or 'log' from above zero; {scale!r:.40} from {low:g} came"
         )
     return Axis(path, unit, (), low, high, "log" if scale == "log" else "linear")
 
@@ -432,10 +396,9 @@ class Space:
         """Return the indices of the designs in chunks of about `size` runs; designs with the same
         choices are next to each other.
         """
-        columns = [i for i, axis in enumerate(self.axes) if axis.choices]
-        counts = np.array([len(self.axes[i].choices) for i in columns])
-        choices = np.minimum(self.shares[:, columns] * counts, counts - 1).astype(int)
-        order = np.lexsort(choices.T[::-1]) if columns else np.arange(len(self))
+        counts = np.array([len(axis.choices) or 1 for axis in self.axes])
+        choices = np.minimum(self.shares * counts, counts - 1).astype(int)
+        order = np.lexsort(choices.T[::-1]) if self.axes else np.arange(len(self))
         length = max(1, size // runs_per_design)
         return [
             tuple(order[start : start + length].tolist()) for start in range(0, len(self), length)
@@ -451,28 +414,30 @@ def space_of(plan: Plan) -> Space:
     from scipy.stats import qmc
 
     study = plan.study
-    axes = tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items())
+    axes = list[Axis]()
+    for path, raw in study.vary.items():
+        try:
+            axis = _axis(plan.rig, path, raw)
+            for value in axis.choices or (axis.low, axis.high):
+                rig_of(plan.rig, {path: value})
+        except DistalError as problem:
+            raise StudyError(f"vary.{path}: {problem}") from None
+        axes.append(axis)
     if FEEDBACK in study.vary and all(scenario.control is None for scenario in plan.scenarios):
         raise StudyError(
             f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what "
             "may vary"
         )
-    for axis in axes:
-        for share in (0.0, 1.0):
-            try:
-                rig_of(plan.rig, {axis.path: axis.at(share)})
-            except DistalError as problem:
-                raise StudyError(f"vary.{axis.path}: {problem}") from None
     if not axes:
-        return Space(axes, np.zeros((study.designs, 0)))
-    size = study.designs * len(axes) * np.dtype(np.float64).itemsize
+        return Space((), np.zeros((study.designs, 0)))
+    size = 8 * study.designs * len(axes)  # bytes
     if size > memory_limit():
         raise StudyError(
             f"{study.designs:,} designs take {size / 1e9:.3g} GB, {memory_limit() / 1e9:.3g} GB "
             f"are allowed ({MEMORY_VARIABLE}); take fewer designs"
         )
     rng = np.random.default_rng([study.draw, 0])
-    return Space(axes, qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
+    return Space(tuple(axes), qmc.LatinHypercube(len(axes), rng=rng).random(study.designs))
 
 
 def rig_of(rig: Rig, design: Design) -> Rig:
@@ -481,9 +446,6 @@ def rig_of(rig: Rig, design: Design) -> Rig:
     values = {
         path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))
     }
-    changed = rig.with_values(values) if values else rig
-    if not off:
-        return changed
-    return changed.model_copy(
-        update={"sensors": tuple(s for s in changed.sensors if s.name not in off)}
-    )
+    changed = rig.with_values(values)
+    sensors = tuple(sensor for sensor in changed.sensors if sensor.name not in off)
+    return changed.model_copy(update={"sensors": sensors})

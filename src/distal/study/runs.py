@@ -8,7 +8,6 @@ The folder holds a small Parquet file for each chunk, written whole when the chu
 
 from __future__ import annotations
 
-import io
 import json
 import multiprocessing
 import os
@@ -22,18 +21,17 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError, StudyError
-from distal.estimators import DEFAULT, AdaptiveFilter, KernelEstimator, make_estimator
+from distal.estimators import DEFAULT, KernelEstimator, make_estimator
 from distal.kernels import Kernel, lanes_here
-from distal.logs import Log, write_whole
+from distal.logs import write_whole
 from distal.model import Mechanism
 from distal.parallel import one_blas_thread
 from distal.results import Estimate, make_folder
@@ -63,10 +61,6 @@ from distal.study.design_space import (
     space_of,
 )
 from distal.version import __version__
-
-if TYPE_CHECKING:
-    import pyarrow
-
 
 Lane = TypeVar("Lane")
 Cell = float | str | bool
@@ -129,8 +123,8 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
 
 def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
     asked = plan.study.requirement
-    name = plan.study.scenarios[task.scenario]
-    row: dict[str, Cell] = {"design": task.index, "seed": task.seed, "scenario": name}
+    row: dict[str, Cell] = {"design": task.index, "seed": task.seed}
+    row["scenario"] = plan.study.scenarios[task.scenario]
     row |= {
         path: setting if isinstance(setting, str) else float(setting)
         for path, setting in task.design.items()
@@ -139,41 +133,26 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
         f"{BUILT}{draw}": score
         for draw, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()
     }
-    curves = curves_of(outcome, plan.joint)
-    problem = ""
-    met = False
-    if curves is None:
-        problem = str(outcome)
-        row |= dict.fromkeys(MEASURES, float("nan"))
-    else:
-        _, truth, estimate, half = curves
-        errors = wrong = np.abs(estimate - truth)
-        if isinstance(outcome, ClosedLoop) and asked.joint in outcome.references:
-            # in a closed loop the requirement is on the true angle: it is to follow the reference
-            errors = np.abs(truth - outcome.references[asked.joint])
-        within = float(np.mean(errors <= asked.within))
-        rms, worst, width = np.rad2deg(
-            [np.sqrt(np.mean(errors**2)), errors.max(), half.mean()]
-        ).tolist()
-        row |= dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
-        met = within >= asked.time
-    return row | {"met": met, "problem": problem}
-
-
-def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Return time [s], true angle, estimate and half-width of the 95 % band [rad] of a run, (k,)
-    each, of the joint with index `j`; None where the run failed or has no true angle.
-    """
+    if isinstance(outcome, DistalError):
+        failed = dict.fromkeys(MEASURES, float("nan"))
+        return row | failed | {"met": False, "problem": str(outcome)}
     if isinstance(outcome, ClosedLoop):
-        return (
-            outcome.time,
-            outcome.angles[:, j],
-            outcome.estimates[:, j],
-            BAND * outcome.stds[:, j],
-        )
-    if isinstance(outcome, DistalError) or outcome.truths is None:
-        return None
-    return outcome.time, outcome.truths[:, j], outcome.angles[:, j], BAND * outcome.angle_stds[:, j]
+        curves = outcome.angles, outcome.estimates, outcome.stds
+    else:
+        assert outcome.truths is not None  # of a simulated log
+        curves = outcome.truths, outcome.angles, outcome.angle_stds
+    truth, estimate, std = (curve[:, plan.joint] for curve in curves)
+    errors = wrong = np.abs(estimate - truth)
+    if isinstance(outcome, ClosedLoop) and asked.joint in outcome.references:
+        # in a closed loop the requirement is on the true angle: it is to follow the reference
+        errors = np.abs(truth - outcome.references[asked.joint])
+    within = float(np.mean(errors <= asked.within))
+    half = BAND * std
+    inside = float(np.mean(wrong <= half))
+    sizes = [np.sqrt(np.mean(errors**2)), errors.max(), half.mean()]
+    rms, worst, width = np.rad2deg(sizes).tolist()
+    row |= zip(MEASURES, (rms, worst, within, inside, width))
+    return row | {"met": within >= asked.time, "problem": ""}
 
 
 def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
@@ -185,24 +164,18 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
     the tasks.
     """
     outcomes: dict[int, Outcome] = {}
-    rigs = [
-        plan.rig.with_values({**s.set, **plan.study.set}) if s.set else plan.rig
-        for s in plan.scenarios
-    ]
-    setups: dict[tuple[int, int], _Setup | DistalError] = {}
+    rigs = [plan.rig.with_values({**s.set, **plan.study.set}) for s in plan.scenarios]
+    setups = dict[tuple[int, int], _Setup]()
     plants = dict[tuple[int, int, str], list[tuple[int, _Setup, Prepared]]]()
     for k, task in enumerate(tasks):
         key = task.index, task.scenario
-        if key not in setups:
-            setups[key] = _setup_of(plan, rigs[task.scenario], task)
-        setup = setups[key]
-        if isinstance(setup, DistalError):
-            outcomes[k] = setup
-            continue
-        if setup.scenario.control is not None:
-            outcomes[k] = _closed(plan, setup, task)
-            continue
         try:
+            if key not in setups:
+                setups[key] = _setup_of(plan, rigs[task.scenario], task)
+            setup = setups[key]
+            if setup.scenario.control is not None:
+                outcomes[k] = _closed(plan, setup, task)
+                continue
             built = setup.built(_seeds(plan, task))
         except DistalError as problem:
             outcomes[k] = problem
@@ -210,41 +183,42 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
             structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
             plants.setdefault(structure, []).append((k, setup, built))
     runs = dict[int, list[tuple[int, Run]]]()
-    for k, setup, log in _logs(plan, tasks, plants.values()):
-        try:
-            if isinstance(log, DistalError):
-                raise log
-            run = prepared(log, setup.estimator)
-        except DistalError as problem:
-            outcomes[k] = problem
-        else:
-            estimator = run.estimator
-            shared = estimator.kernel if estimator.has_kernel else estimator
-            runs.setdefault(id(shared), []).append((k, run))
-    for alike in runs.values():
-        for group in _groups(alike):
-            outcomes.update(zip((k for k, _ in group), run_all([run for _, run in group])))
+    for group in _groups(plants.values()):
+        motions = _motions([built for _, _, built in group])
+        for (k, setup, built), motion in zip(group, motions):
+            try:
+                if isinstance(motion, DistalError):
+                    raise motion
+                log = sampled(built, motion, _sensor_seed(plan, tasks[k]))
+                run = prepared(log, setup.estimator)
+            except DistalError as problem:
+                outcomes[k] = problem
+            else:
+                estimator = run.estimator
+                shared = estimator.kernel if estimator.has_kernel else estimator
+                runs.setdefault(id(shared), []).append((k, run))
+    for alike in _groups(runs.values()):
+        outcomes.update(zip((k for k, _ in alike), run_all([run for _, run in alike])))
     return [outcomes[k] for k in range(len(tasks))]
 
 
-def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop | DistalError:
-    """Return the closed loop of a rig as built, or why there is none."""
+def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop:
+    """Return the closed loop of a rig as built."""
     plant = {**setup.drawn(_seeds(plan, task)), **setup.fixed}
     feedback = str(task.design[FEEDBACK]) if FEEDBACK in task.design else None
-    try:
-        scenario = setup.scenario.model_copy(update={"plant": plant})
-        return closed_loop(setup.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
-    except DistalError as problem:
-        return problem
+    scenario = setup.scenario.model_copy(update={"plant": plant})
+    return closed_loop(setup.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
 
 
 def _sensor_seed(plan: Plan, task: Task) -> int:
-    words = np.random.SeedSequence([*_seeds(plan, task), task.scenario, 1]).generate_state(1)
-    return int(words[0])
+    sequence = np.random.SeedSequence([*_seeds(plan, task), task.scenario, 1])
+    return int(sequence.generate_state(1)[0])
 
 
-def _groups(alike: Sequence[Lane]) -> Iterator[Sequence[Lane]]:
-    return (alike[at : at + lanes_here()] for at in range(0, len(alike), lanes_here()))
+def _groups(alike: Iterable[Sequence[Lane]]) -> Iterator[Sequence[Lane]]:
+    """Yield what runs side by side, of several sequences of what may."""
+    for every in alike:
+        yield from (every[at : at + lanes_here()] for at in range(0, len(every), lanes_here()))
 
 
 @dataclass(frozen=True)
@@ -277,47 +251,26 @@ class _Setup:
         return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
 
 
-def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError:
+def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup:
     scenario = plan.scenarios[task.scenario]
-    try:
-        rig = rig_of(scenario_rig, task.design)
-        draws = draws_of(rig)
-        drawn = {named(rig, path) for draw in draws for path in draw.paths}
-        fixed = {
-            path: setting
-            for path, setting in scenario.plant.items()
-            if not any(fnmatch(name, named(rig, path)) for name in drawn)
-        }
-        plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
-        dt, steps, needed = timing(plant, scenario)
-        # a power of two, so that designs of different stiffness share few kernels
-        count = 1 << (needed - 1).bit_length()
-        inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
-        name = str(task.design.get(ESTIMATOR, plan.study.estimator))
-        if name != DEFAULT:
-            estimator: KernelEstimator = make_estimator(name, rig, compiled=False)
-        else:
-            estimator = AdaptiveFilter(rig)
-    except DistalError as problem:
-        return problem
+    rig = rig_of(scenario_rig, task.design)
+    draws = draws_of(rig)
+    drawn = {named(rig, path) for draw in draws for path in draw.paths}
+    fixed = {
+        path: setting
+        for path, setting in scenario.plant.items()
+        if not any(fnmatch(name, named(rig, path)) for name in drawn)
+    }
+    plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
+    dt, steps, needed = timing(plant, scenario)
+    # a power of two, so that designs of different stiffness share few kernels
+    count = 1 << (needed - 1).bit_length()
+    inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
+    name = str(task.design.get(ESTIMATOR, plan.study.estimator))
+    # of the filter alone the kernel is compiled: it is the slow one
+    estimator = make_estimator(name, rig, compiled=name == DEFAULT)
     kernel = plant_kernel(plant, count)
     return _Setup(scenario, rig, draws, fixed, kernel, inputs, (dt, count), estimator)
-
-
-def _logs(
-    plan: Plan, tasks: Sequence[Task], plants: Iterable[Sequence[tuple[int, _Setup, Prepared]]]
-) -> Iterator[tuple[int, _Setup, Log | DistalError]]:
-    """Yield the index of each run with its setup and its log; plants of one structure move side by
-    side.
-    """
-    for alike in plants:
-        for group in _groups(alike):
-            motions = _motions([built for _, _, built in group])
-            for (k, setup, built), motion in zip(group, motions):
-                if isinstance(motion, PlantMotion):
-                    yield k, setup, sampled(built, motion, _sensor_seed(plan, tasks[k]))
-                else:
-                    yield k, setup, motion
 
 
 def _motions(group: Sequence[Prepared]) -> Sequence[PlantMotion | DistalError]:
@@ -353,9 +306,11 @@ class Folder:
     def write(self, chunk: int, rows: Rows) -> None:
         """Write the rows of a chunk."""
         import pyarrow as pa
+        import pyarrow.parquet as pq
 
         path = self.path / "rows" / f"{chunk:06d}.parquet"
-        write_whole(path, _bytes(pa.Table.from_pydict(rows)))
+        table = pa.Table.from_pydict(rows)
+        write_whole(path, lambda file: pq.write_table(table, file))
 
     def gather(self) -> Columns:
         """Write the rows of all chunks into one file, ``rows.parquet``, sorted by design, seed and
@@ -365,18 +320,9 @@ class Folder:
         import pyarrow.parquet as pq
 
         table = pa.concat_tables(map(pq.read_table, self.chunks.values()))
-        order = [(name, "ascending") for name in ("design", "seed", "scenario")]
-        table = table.sort_by(order)
-        write_whole(self.path / "rows.parquet", _bytes(table))
+        table = table.sort_by([(key, "ascending") for key in ("design", "seed", "scenario")])
+        write_whole(self.path / "rows.parquet", lambda file: pq.write_table(table, file))
         return {name: table[name].to_numpy() for name in table.column_names}
-
-
-def _bytes(table: pyarrow.Table) -> bytes:
-    import pyarrow.parquet as pq
-
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer)
-    return buffer.getvalue()
 
 
 def open_folder(plan: Plan, path: str | Path) -> Folder:
@@ -444,8 +390,6 @@ def run_study(
     done = total - sum(len(designs) for _, designs in chunks) * runs_per_design
     if progress is not None:
         progress(done, total)
-    if not chunks:
-        return
     count = (os.cpu_count() or 1) if workers is None else workers
     is_first = done == 0
     for number, rows in _by_processes(plan, chunks, count):

@@ -8,7 +8,7 @@ written down before the first run.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
@@ -22,7 +22,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.reports.page import resource
 from distal.results import Estimate
-from distal.rig import Rig, load_rig, tendon_angle_name
+from distal.rig import load_rig, number, tendon_angle_name
 from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig
 from distal.simulation.simulate import motions_of, prepare, sampled
@@ -68,7 +68,7 @@ class Plant:
         Args:
             series: name of the scenario, one of `SERIES_1` or `SERIES_2`.
         """
-        return load_scenario(series).model_copy(update={"plant": dict(self.values)})
+        return load_scenario(series).model_copy(update={"plant": self.values})
 
 
 def observed_values() -> dict[str, object]:
@@ -78,16 +78,10 @@ def observed_values() -> dict[str, object]:
     rig = load_rig("paper-2008-observed")
     axle = rig.joints[0].friction
     assert axle is not None
-    values: dict[str, object] = {
-        "joints.0.friction.preload": axle.preload.value,
-        "joints.0.friction.exponent": axle.exponent.value,
-        "joints.0.friction.reference": axle.reference,
-    }
-    for i, drive in enumerate(rig.drives):
-        assert drive.friction is not None
-        values[f"drives.{i}.friction.constant"] = drive.friction.constant.value
-        values[f"drives.{i}.friction.load"] = drive.friction.load.value
-    return values
+    paths = ["joints.0.friction.preload", "joints.0.friction.exponent"]
+    paths += [f"drives.{i}.friction.{key}" for i in (0, 1) for key in ("constant", "load")]
+    values: dict[str, object] = {path: number(rig, path).value for path in paths}
+    return values | {"joints.0.friction.reference": axle.reference}
 
 
 PLANTS = (
@@ -109,16 +103,12 @@ class SeriesRun:
     Args:
         series: name of the scenario.
         plant: name of the plant.
-        seed: seed of the sensors' errors.
-        rig: the rig that the filters know.
         log: the simulated log.
         estimates: name of an estimator or of a variant → its estimate.
     """
 
     series: str
     plant: str
-    seed: int
-    rig: Rig
     log: Log
     estimates: dict[str, Estimate]
 
@@ -182,7 +172,7 @@ def run_series(
             asked["hung weights"] = (hung_weights(log, scenario), paper)
             asked["better cells"] = (read(seed, BETTER_CELLS), paper)
         estimates = {name: estimate(of, rig, by) for name, (of, by) in asked.items()}
-        runs.append(SeriesRun(series, plant.name, seed, rig, log, estimates))
+        runs.append(SeriesRun(series, plant.name, log, estimates))
     return runs
 
 
@@ -200,11 +190,17 @@ TESTS = tuple(product(PLANTS, (*SERIES_1, *SERIES_2)))
 """The tests of the reproduction: a plant and a scenario each."""
 
 
-def all_runs(advance: Callable[[], None]) -> Iterator[SeriesRun]:
-    """Yield all runs of the reproduction; `advance` is called after each of its `TESTS`."""
+Runs = dict[str, list[SeriesRun]]
+"""Name of a plant → its runs."""
+
+
+def all_runs(advance: Callable[[], None]) -> Runs:
+    """Return all runs of the reproduction; `advance` is called after each of its `TESTS`."""
+    runs: Runs = {}
     for plant, series in TESTS:
-        yield from run_series(series, plant)
+        runs.setdefault(plant.name, []).extend(run_series(series, plant))
         advance()
+    return runs
 
 
 SIDES = ("left", "right")
@@ -280,9 +276,7 @@ def statements() -> tuple[Statement, ...]:
 
 def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:
     """Return key of a statement → values of its measures, from the runs of one plant."""
-    return {
-        key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()
-    }
+    return {key: measure(runs) for key, measure in _MEASURES.items()}
 
 
 @dataclass(frozen=True)
@@ -313,11 +307,9 @@ friction, and those that do not hold on the latter.
 """
 
 
-def measure_claims(runs: Sequence[SeriesRun]) -> tuple[Claim, ...]:
+def measure_claims(runs: Runs) -> tuple[Claim, ...]:
     """Return the paper's statements with the values of their measures on both plants."""
-    by_plant = {
-        plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS
-    }
+    by_plant = {plant: measured(of_plant) for plant, of_plant in runs.items()}
     return tuple(
         Claim(statement, {plant: values[statement.key] for plant, values in by_plant.items()})
         for statement in statements()
@@ -329,16 +321,14 @@ def _pooled(errors: Sequence[Floats]) -> float:
     return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
 
 
-def rms(runs: Sequence[SeriesRun], series: str, estimator: str, plant: str = "") -> float:
+def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
     """Return the RMS error of an estimator in a series, pooled over all samples and seeds [°].
 
     Args:
         series: name of the scenario.
         estimator: a key of `SeriesRun.estimates`.
-        plant: name of the plant, where the runs are of several.
     """
-    asked = [run for run in _of(runs, series) if plant in ("", run.plant)]
-    return _pooled([run.estimates[estimator].errors() for run in asked])
+    return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
 
 def _of(runs: Sequence[SeriesRun], series: str) -> list[SeriesRun]:
@@ -380,9 +370,7 @@ def _c2(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
 
 
 def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
-    soft, stiff = (
-        float(np.mean(_potentiometer_rms(runs, series))) for series in ("series-1-soft", "series-1")
-    )
+    soft, stiff = (float(np.mean(_potentiometer_rms(runs, series))) for series in SERIES_1)
     alike = [
         np.corrcoef(
             a.estimates["inextensible"].means[:, i], b.estimates["inextensible"].means[:, i]
@@ -394,27 +382,25 @@ def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
 
 
 def _c4(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
-    truths = [run.log.truth for run in _of(runs, "series-1-soft")]
     motions = [
-        hidden_motion(truth["theta"], truth[f"position_{side}"])
-        for truth in truths
+        hidden_motion(run.log.truth["theta"], run.log.truth[f"position_{side}"])
+        for run in _of(runs, "series-1-soft")
         for side in SIDES
     ]
     return (float(np.rad2deg(max(motions))),)
 
 
-def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> float:
-    """Return the largest change of the joint angle while a slider stays where it is [rad].
+def hidden_motion(theta: Floats, position: Floats) -> float:
+    """Return the largest change of the joint angle while a slider stays within 0.1 mm [rad].
 
     Args:
         theta: joint angle [rad], (n,).
         position: position of the slider [m], (n,).
-        within: range in which the slider counts as staying [m].
     """
     largest = 0.0
     start = 0
     for end in range(len(theta)):
-        while np.ptp(position[start : end + 1]) > within:
+        while np.ptp(position[start : end + 1]) > 1e-4:
             start += 1
         largest = max(largest, float(np.ptp(theta[start : end + 1])))
     return largest
@@ -430,16 +416,13 @@ def _ratio(
 
 
 def _c8(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
-    low, high = (
-        float(
-            np.rad2deg(
-                np.mean(
-                    [run.estimates["simulation"].errors()[-50:].mean() for run in _of(runs, series)]
-                )
-            )
-        )
-        for series in ("series-2", "series-2-high")
-    )
+    def beyond(series: str) -> float:
+        """Return the error of the free simulation at the end [°]."""
+        errors = [run.estimates["simulation"].errors()[-50:] for run in _of(runs, series)]
+        return float(np.rad2deg(np.mean(errors)))
+
+    low = beyond("series-2")
+    high = beyond("series-2-high")
     return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
 
 
@@ -448,7 +431,7 @@ def _c9(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
         run.estimates["inextensible"].means - run.estimates["without linearity"].means
         for run in _of(runs, "series-1")
     ]
-    return (_pooled([change[:, i] for change in changes for i in (1, 2)]),)
+    return (_pooled([change[:, 1:3] for change in changes]),)
 
 
 _MEASURES: dict[str, Callable[[Sequence[SeriesRun]], tuple[float, ...]]] = {

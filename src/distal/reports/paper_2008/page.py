@@ -5,45 +5,51 @@ The files of the reproduction: figures, results and a page on the 2008 paper.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.confidence import BAND, COVERED_TEXT
-from distal.reports.paper_2008.claims import PLANTS, SIDES, SeriesRun, potentiometer_errors
-from distal.results import (
-    BLACK,
-    SOFT,
-    TRUTH,
-    band_colour,
-    curve_style,
-    figure,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-import json
-from collections.abc import Callable
-from html import escape
-from pathlib import Path
-
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.reports.page import heading, page, paragraph, picture, svg_of
 from distal.reports.paper_2008.claims import (
     GROUPS,
+    PLANTS,
     SEEDS,
     SERIES_2,
+    SIDES,
     TESTS,
     Claim,
+    Runs,
+    SeriesRun,
     all_runs,
     measure_claims,
+    potentiometer_errors,
     rms,
 )
 from distal.reports.rig_drawing import rig_svg
-from distal.results import Html, figure_bytes, html_table, make_folder, verdict
+from distal.results import (
+    BLACK,
+    SOFT,
+    TRUTH,
+    Html,
+    band_colour,
+    curve_style,
+    figure,
+    figure_bytes,
+    html_table,
+    make_folder,
+    verdict,
+)
 from distal.rig import load_rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FIGURES = {
     "figure-2": "series-1-soft",
@@ -76,13 +82,6 @@ AFTER = 0.4
 """Time that the figures show after the link has come to rest [s]. Source: layout."""
 
 
-def first_run(runs: Sequence[SeriesRun], series: str, plant: str) -> SeriesRun:
-    """Return the run of a series on a plant with the first seed, which is the one in the
-    figures.
-    """
-    return next(run for run in runs if run.series == series and run.plant == plant)
-
-
 def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     """Return the time at which the figures of some runs end [s]: `AFTER` the link has come to rest
     in all.
@@ -90,21 +89,22 @@ def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     ends = []
     for run in shown:
         theta = run.log.truth["theta"]
-        moving = np.flatnonzero(np.abs(theta - theta[-1]) > np.deg2rad(0.1))
-        ends.append(float(run.log.time[moving[-1]]) if len(moving) else 0.0)
+        moving = np.abs(theta - theta[-1]) > np.deg2rad(0.1)
+        ends.append(run.log.time[moving].max(initial=0.0))
     return float(min(max(ends) + AFTER, shown[0].log.time[-1]))
 
 
-def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
+def draw_figure(name: str, runs: Runs) -> Figure:
     """Return one of `FIGURES`: the plant with the friction of Table 1 beside that with more.
 
     Curves are of the first seed.
     """
-    shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
+    shown = [
+        next(run for run in of_plant if run.series == FIGURES[name]) for of_plant in runs.values()
+    ]
     n = len(shown)
-    ratios = [1.6, 1]
-    with figure(2, n, (7.2, 5.2), sharex=True, sharey="row", height_ratios=ratios) as drawn:
-        drawing, axes = drawn
+    layout = {"sharex": True, "sharey": "row", "height_ratios": [1.6, 1]}
+    with figure(2, n, (7.2, 5.2), **layout) as (drawing, axes):
         for top, bottom, run in zip(axes[:n], axes[n:], shown):
             readings = np.rad2deg(run.log.channels["encoder"])
             style = {"color": SOFT, "linewidth": 2.2, "drawstyle": "steps-post"}
@@ -201,16 +201,14 @@ def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
     """
     check_outputs(outputs_in(out, FILES, "the reproduction"))
     folder = make_folder(out)
-    runs = list(all_runs(advance))
+    runs = all_runs(advance)
     claims = measure_claims(runs)
     pictures = list[str]()
     files = dict[Path, bytes | str]()
     for name, caption in CAPTIONS.items():
         drawing = draw_figure(name, runs)
-        files |= {
-            path: figure_bytes(drawing, path)
-            for path in (folder / f"{name}.png", folder / f"{name}.svg")
-        }
+        for path in (folder / f"{name}.png", folder / f"{name}.svg"):
+            files[path] = figure_bytes(drawing, path)
         titled = f"{name.replace('-', ' ').capitalize()}. {caption}"
         pictures.append(picture(svg_of(drawing, caption), titled))
         advance()
@@ -226,14 +224,13 @@ Errors = dict[str, dict[str, dict[str, float]]]
 """Name of a plant → scenario → estimate → RMS error [°]."""
 
 
-def errors_of(runs: Sequence[SeriesRun]) -> Errors:
+def errors_of(runs: Runs) -> Errors:
     """Return the errors in Series 2 of all estimates."""
     return {
-        plant.name: {
-            series: {name: rms(runs, series, name, plant.name) for name in ESTIMATES}
-            for series in SERIES_2
+        plant: {
+            series: {name: rms(of_plant, series, name) for name in ESTIMATES} for series in SERIES_2
         }
-        for plant in PLANTS
+        for plant, of_plant in runs.items()
     }
 
 
@@ -290,7 +287,7 @@ def _errors_table(errors: Errors) -> str:
     rows = []
     for plant, by_series in errors.items():
         for series, by_name in by_series.items():
-            values = [by_name[name] for name in ESTIMATES]
+            values = by_name.values()
             cells = [
                 Html(f"<b>{value:.2f}</b>") if value == min(values) else f"{value:.2f}"
                 for value in values
@@ -308,12 +305,10 @@ def _claims_table(claims: Sequence[Claim]) -> str:
             f"{escape(statement.text)}<br><span class='why'>{escape(statement.reason)}</span>"
         )
         for i, measure in enumerate(statement.measures):
-            values = [claim.values[plant.name][i] for plant in PLANTS]
-            holds = [measure.margin(value) >= 0.0 for value in values]
-            cells = [
-                verdict(f"{value:.2f} {'✓' if yes else '✗'}", yes)
-                for value, yes in zip(values, holds)
-            ]
+            cells = []
+            for values in claim.values.values():
+                holds = measure.margin(values[i]) >= 0.0
+                cells.append(verdict(f"{values[i]:.2f} {'✓' if holds else '✗'}", holds))
             bound = f"≥ {measure.least:g}" if measure.least is not None else f"≤ {measure.most:g}"
             rows.append([first if i == 0 else "", measure.text, bound, *cells])
     columns = ["statement, and why it stands here", "measure", "threshold"]
