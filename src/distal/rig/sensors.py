@@ -32,8 +32,10 @@ from distal.rig.quantities import (
     Description,
     Factor,
     In,
+    Metres,
     Name,
     NewtonMetres,
+    Newtons,
     Parameter,
     Radians,
     Seconds,
@@ -47,9 +49,15 @@ COUNTS = frozenset({"count", "counts", "cnt", "inc", "pulses", "qc", "tick", "ti
 
 
 NOISE = Field(0.0, description="standard deviation of the random error")
+SMOOTH = Field(0.0, description="largest deviation of a smooth systematic error")
 STEP = Field(0.0, description="quantisation step; of an encoder before its gear")
 OFFSET = Field(ZERO, description="offset; it walks where it has a drift")
 """Fields of the errors that all kinds of sensors have, each in its own unit."""
+
+GEAR = Field(
+    1.0, description="turns of the motor's (or encoder's) shaft for one turn of what is measured"
+)
+"""Field of sensors that may be behind a gear."""
 
 ERRORS = ("noise", "linearity", "resolution", "bias")
 """Keys of the errors of a sensor, which may be written in the unit of the log."""
@@ -245,16 +253,12 @@ class Measurand:
     unit_of_capstan: str = ""
 
 
-Metres = Annotated[float, In("m", "nonnegative")]
-OVER_TRAVEL = Field(0.0, description="largest deviation of a smooth systematic error")
-
-
 class LengthSensor(SensorBase):
     """A sensor of a displacement [m]."""
 
     si: Literal["m"]
     noise: Metres = NOISE
-    linearity: Metres = OVER_TRAVEL
+    linearity: Metres = SMOOTH
     resolution: Metres = STEP
     bias: Annotated[Parameter, In("m", drifts=False)] = OFFSET
 
@@ -267,16 +271,10 @@ class AngleSensor(SensorBase):
         None,
         description='after quadrature, of the encoder\'s own shaft; with unit = "count"',
     )
-    gear: Factor = Field(
-        1.0,
-        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
-    )
+    gear: Factor = GEAR
     noise: Radians = NOISE
-    linearity: Radians = OVER_TRAVEL
-    resolution: Radians = Field(
-        0.0,
-        description="quantisation step; of an encoder before its gear",
-    )
+    linearity: Radians = SMOOTH
+    resolution: Radians = STEP
     bias: AnyAngle = OFFSET
 
     @classmethod
@@ -354,8 +352,6 @@ ANGLE = Measurand(
 """The angle θ of a joint [rad], within the range that it turns in."""
 
 
-OVER_RANGE = Field(0.0, description="largest deviation of a smooth systematic error")
-Newtons = Annotated[float, In("N", "nonnegative")]
 Gain = Annotated[
     Parameter,
     In("", "positive", drifts=False),
@@ -368,7 +364,7 @@ class ForceSensor(SensorBase):
 
     si: Literal["N"]
     noise: Newtons = NOISE
-    linearity: Newtons = OVER_RANGE
+    linearity: Newtons = SMOOTH
     resolution: Newtons = STEP
     bias: Annotated[Parameter, In("N")] = OFFSET
     gain: Gain = ONE
@@ -387,16 +383,13 @@ class TorqueSensor(SensorBase):
     torque_constant_motor: TorqueConstant | None = Field(
         None, description="K_t of the motor; the capstan's is `gear` times it"
     )
-    gear: Factor = Field(
-        1.0,
-        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
-    )
+    gear: Factor = GEAR
     lever: Annotated[float, In("m", "positive")] | None = Field(
         None,
         description="of a load cell, where the log holds a force",
     )
     noise: NewtonMetres = NOISE
-    linearity: NewtonMetres = OVER_RANGE
+    linearity: NewtonMetres = SMOOTH
     resolution: NewtonMetres = STEP
     bias: AnyTorque = OFFSET
     gain: Gain = ONE
