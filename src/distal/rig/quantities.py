@@ -26,6 +26,9 @@ LARGEST = 1e12
 KEYS = ("value", "std", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
 
+Raw = dict[str, object]
+"""A part of a description as a file has it, not yet checked."""
+
 Bound = Literal["any", "nonnegative", "positive"]
 
 
