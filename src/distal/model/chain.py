@@ -232,7 +232,7 @@ def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     v = [ca.SX(0)] * matrix.size1()
     for _ in range(SWEEPS):
         for j in range(n):
-            left = load[j] - sum((matrix[j, i] * v[i] for i in range(n) if i != j), ca.SX(0))
+            left = load[j] - sum(matrix[j, i] * v[i] for i in range(n) if i != j)
             v[j] = (ca.fmax(left - up[j], 0) + ca.fmin(left + down[j], 0)) / matrix[j, j]
     return ca.vertcat(*v)
 

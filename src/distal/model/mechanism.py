@@ -114,8 +114,7 @@ class Mechanism(Tendons):
         for i, joint in enumerate(self.rig.joints):
             torque = self._spring_torque(i, joint, at)
             rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
-        springs = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
-        return springs(q, self.parameters.symbols)
+        return ca.substitute(ca.vertcat(*rows), at, q)
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
         p = self.parameters
@@ -174,9 +173,7 @@ class Mechanism(Tendons):
         path = f"{self.bodies[body].path}.friction"
         if f"{path}.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
-        tension = sum(
-            (tensions[i] for i in range(self.n_tendons) if body in self.joints_of[i]), ca.SX(0)
-        )
+        tension = sum(tensions[i] for i, joints in enumerate(self.joints_of) if body in joints)
         names = ("coefficient", "radius", "preload", "reference", "exponent")
         coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
         limit = load_dependent_limit(coefficient, radius, preload + tension, reference, exponent)
@@ -206,7 +203,7 @@ class Mechanism(Tendons):
         """Return constant + load · R Σ T of a drive's friction or hysteresis."""
         p = self.parameters
         path = f"{self.bodies[body].path}.{kind}"
-        tension = sum((tensions[i] for i in self.pulled_by(body)), ca.SX(0))
+        tension = sum(tensions[i] for i in self.pulled_by(body))
         return p[f"{path}.constant"] + p[f"{path}.load"] * self.lever(body) * tension
 
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:

@@ -380,9 +380,8 @@ def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
     # a weight above its axle has a negative stiffness and would turn over; it stays explicit
     stiffness += ca.diag(ca.fmax(-ca.diag(ca.jacobian(passive, at)[:, :nj]), 0))
     up, down = _sides(mechanism.friction_limits(at, still, pulls.joint, pulls.drive)[:nj])
-    p = mechanism.parameters.symbols
-    acting = ca.Function("settling", [at, p], [pulled + passive, up, down, ca.densify(stiffness)])
-    force, up, down, stiffness = acting(q, p)
+    acting = [pulled + passive, up, down, ca.densify(stiffness)]
+    force, up, down, stiffness = ca.substitute(acting, [at], [q])
     return Loads(force + effort, ca.SX(nj, 1), up, down, stiffness)
 
 
