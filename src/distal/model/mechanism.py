@@ -230,18 +230,12 @@ class Mechanism(Tendons):
             inertias[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
         return ca.vertcat(*inertias)
 
-    def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    def stop(self, body: int) -> tuple[Scalar, ...]:
         """Return stiffness [N m/rad, N/m], damping [N m s/rad, kg/s], low and high end [rad, m] of
         the stops of a body.
         """
-        p = self.parameters
-        path = self.bodies[body].path
-        return (
-            p[f"{path}.stop_stiffness"],
-            p[f"{path}.stop_damping"],
-            p[f"{path}.stops.low"],
-            p[f"{path}.stops.high"],
-        )
+        names = ("stop_stiffness", "stop_damping", "stops.low", "stops.high")
+        return tuple(self.parameters[f"{self.bodies[body].path}.{name}"] for name in names)
 
     def dampings(self) -> Vector:
         """Return the viscous damping of each body, (n_bodies,) [N m s/rad, kg/s]."""
