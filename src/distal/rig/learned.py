@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from pydantic import Field, GetCoreSchemaHandler, model_validator
-from pydantic_core import CoreSchema, core_schema
+from pydantic import ConfigDict, Field, model_validator
 
 from distal.arrays import Floats
 from distal.confidence import COVERED_TEXT
@@ -89,13 +88,6 @@ class MapArrays:
         """Return how many numbers there are."""
         return f"<{sum(array.size for array in self.by_name.values())} numbers>"
 
-    @classmethod
-    def __get_pydantic_core_schema__(
-        cls, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        """Accept only such numbers."""
-        return core_schema.is_instance_schema(cls)
-
 
 UNLIMITED = 1e300
 """A limit that nothing reaches. Source: definition (no limit)."""
@@ -108,6 +100,8 @@ class LearnedMap(Description):
     lags, and radial functions of readings and slips, see docs/explanation/map.md. Readings are
     those of the `channels`, then, beside a filter, its angles of the `joints`.
     """
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     joints: tuple[str, ...] = Field(min_length=1, description="of `efforts` the sensors")
     channels: tuple[str, ...] = Field(min_length=1)

@@ -255,7 +255,7 @@ class Rig(Description):
         name = self.joints[joint].parent
         if name is None:
             return joint - 1 if joint > 0 else None
-        return None if name == BASE else [parent.name for parent in self.joints].index(name)
+        return None if name == BASE else self.joint_names.index(name)
 
     def sharing(self) -> dict[str, dict[str, float]]:
         """Return the shared errors, name → path of each parameter that has it → its std as a share

@@ -239,8 +239,6 @@ def _finding(finding: ErrorDetails) -> str:
         # a list's own check starts with the index and key that it refuses
         joint = "." if re.match(r"\d+(\.\w+)?: ", text) else ": "
         return f"{path}{joint}{text}" if path else text
-    if kind == "literal_error":
-        return f"{path}: must be {context['expected']}, {shown} came"
     if kind == "union_tag_invalid":
         key = str(context["discriminator"]).strip("'")
         return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
@@ -248,6 +246,7 @@ def _finding(finding: ErrorDetails) -> str:
         return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
     if kind in WORDED:
         return f"{path}: {WORDED[kind]}"
-    if kind in NEEDED:
-        return f"{path}: must be {NEEDED[kind]}, {shown} came"
+    needed = context["expected"] if kind == "literal_error" else NEEDED.get(kind)
+    if needed:
+        return f"{path}: must be {needed}, {shown} came"
     return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {shown} came"
