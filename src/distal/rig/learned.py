@@ -20,7 +20,7 @@ from pydantic import ConfigDict, Field, model_validator
 from distal.arrays import Floats
 from distal.confidence import COVERED_TEXT
 from distal.errors import RigError
-from distal.rig.quantities import Description
+from distal.rig.quantities import Description, Raw
 from distal.units import rounded
 
 Row = tuple[float, ...]
@@ -233,7 +233,7 @@ def arrays_file(rig_file: str | Path) -> Path:
     return path.with_name(f"{path.stem}.map.npz")
 
 
-def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object], bytes]:
+def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[Raw, bytes]:
     """Return the table `[map]` of a rig file, and the bytes of the file beside it."""
     arrays = {
         f"{name}.{part}": array
@@ -243,7 +243,7 @@ def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object]
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
     content = stream.getvalue()
-    table: dict[str, object] = {
+    table: Raw = {
         "file": arrays_file(rig_file).name,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
@@ -257,7 +257,7 @@ def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object]
     return table, content
 
 
-def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> dict[str, object]:
+def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> Raw:
     """Return a raw description whose table `[map]` has its numbers, from the file that it names in
     the rig's own folder; unchanged where it has no such table.
 

@@ -148,9 +148,8 @@ def check_scales(rig: Rig, purpose: str, needs: Literal["tension", "torque"]) ->
     """
     if rig.map is not None and rig.map.alone:
         raise CommandError(
-            f"{purpose} needs a filter that follows the rig, and that of '{rig.name}' could not "
-            "follow the logs of its fit, which taught a map on readings alone. Fit again to other "
-            "logs, or from a rig file with better values"
+            f"{purpose} needs a filter, and that of '{rig.name}' could not follow the logs of its "
+            "fit. Fit again to other logs, or from a rig file with better values"
         )
     needed = ("force", "length") if needs == "tension" else ("force",)
     lacking = [scale for scale in needed if scale in rig.taken]

@@ -63,40 +63,6 @@ ERRORS = ("noise", "linearity", "resolution", "bias")
 """Keys of the errors of a sensor, which may be written in the unit of the log."""
 
 
-def errors_in_si(
-    raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]
-) -> object:
-    """Return a raw sensor with its errors in SI, where they are text in the unit in which its log
-    counts.
-
-    Args:
-        counting: returns this unit and its size in SI, or None where the log does not count.
-    """
-    try:
-        scale = counting(raw)
-        gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
-    except (UnitError, ZeroDivisionError):
-        # the wrong field is refused later; until then the unit of the errors is not known
-        return {key: value for key, value in raw.items() if key not in ERRORS}
-    if scale is None:
-        return raw
-    unit, unit_size = scale
-    if unit == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
-        raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
-
-    def converted(error: object, size: float) -> object:
-        if isinstance(error, Mapping):
-            spreads = ("value", "std", "drift")
-            return {
-                key: converted(part, size) if key in spreads else part
-                for key, part in error.items()
-            }
-        return _of_text(error, unit, size) if isinstance(error, str) else error
-
-    sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
-    return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
-
-
 def _of_text(text: str, unit: str, size: float) -> object:
     """Return the size in SI of a text such as ``2 count`` or ``20 mA``; a text in another unit is
     returned as it is.
@@ -140,7 +106,33 @@ class SensorBase(Description):
     @classmethod
     def _errors_as_logged(cls, raw: object) -> object:
         """Turn errors that are written as the log counts, in counts or amperes, into SI."""
-        return errors_in_si(raw, cls._counting) if isinstance(raw, Mapping) else raw
+        if not isinstance(raw, Mapping):
+            return raw
+        try:
+            scale = cls._counting(raw)
+            is_counted = scale is not None and scale[0] == "count"
+            gear = to_si(raw.get("gear", 1.0), "") if is_counted else 1.0
+        except (UnitError, ZeroDivisionError):
+            # the wrong field is refused later; until then the unit of the errors is not known
+            return {key: value for key, value in raw.items() if key not in ERRORS}
+        if scale is None:
+            return raw
+        unit, unit_size = scale
+        if is_counted and raw.get("unit") in COUNTS and "resolution" not in raw:
+            raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
+
+        def converted(error: object, size: float) -> object:
+            if isinstance(error, Mapping):
+                spreads = ("value", "std", "drift")
+                return {
+                    key: converted(part, size) if key in spreads else part
+                    for key, part in error.items()
+                }
+            return _of_text(error, unit, size) if isinstance(error, str) else error
+
+        sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
+        errors = {key: converted(raw[key], size) for key, size in sizes.items() if key in raw}
+        return {**raw, **errors}
 
     @classmethod
     def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
@@ -153,9 +145,8 @@ class SensorBase(Description):
     def _unit(self) -> Self:
         if self.unit in COUNTS and getattr(self, "counts_per_turn", None) is None:
             raise ValueError(
-                "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for "
-                "others give the unit of "
-                "the number in the log"
+                "unit: 'count' needs 'counts_per_turn' of an angle's encoder; for others give the "
+                "unit of the number in the log"
             )
         return self
 
@@ -239,8 +230,8 @@ class Measurand:
         role: what estimators do with its readings.
         unit: SI unit of a sensor's readings and errors.
         read: (sensor, motion, index of its part) → what it reads without errors [SI].
-        travel: (sensor, rig, index of its part) → the lowest and the highest value that it measures
-            [SI], between which its linearity error is defined.
+        travel: (rig, index of its part) → the lowest and the highest value that it measures [SI],
+            between which its linearity error is defined.
         unit_of_capstan: the same of a capstan, where it is another one.
     """
 
@@ -249,7 +240,7 @@ class Measurand:
     role: Role
     unit: str
     read: Callable[[SensorBase, Motion, int], Scalar]
-    travel: Callable[[SensorBase, Parts, int], tuple[float, float]]
+    travel: Callable[[Parts, int], tuple[float, float]]
     unit_of_capstan: str = ""
 
 
@@ -322,19 +313,13 @@ def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     return low, high
 
 
-def _position(sensor: SensorBase, motion: Motion, part: int) -> Scalar:
-    """Return the position of the drive, or the command that it follows."""
-    ahead = sensor.lag * motion.rates[part] if sensor.lag > 0.0 else 0.0
-    return motion.positions[part] + ahead
-
-
 POSITION = Measurand(
     "position",
     "drives",
     Role.POSITION,
     "m",
-    _position,
-    lambda sensor, rig, part: drive_travel(rig, part),
+    lambda sensor, motion, part: motion.positions[part] + sensor.lag * motion.rates[part],
+    drive_travel,
     "rad",
 )
 """The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
@@ -347,7 +332,7 @@ ANGLE = Measurand(
     Role.REFERENCE,
     "rad",
     lambda sensor, motion, part: motion.angles[part],
-    lambda sensor, rig, part: rig.joints[part].travel,
+    lambda rig, part: rig.joints[part].travel,
 )
 """The angle θ of a joint [rad], within the range that it turns in."""
 
@@ -450,7 +435,7 @@ def largest_effort(rig: Parts, drive: int) -> float:
     return 2.0 * max(abs(part.nominal_force.value), part.lever * pretension)
 
 
-def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+def _effort_travel(rig: Parts, part: int) -> tuple[float, float]:
     """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to both
     sides of a capstan.
     """
@@ -458,7 +443,7 @@ def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, fl
     return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
 
 
-def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+def _tension_travel(rig: Parts, part: int) -> tuple[float, float]:
     """Return the range from slack, 0, to the largest force with which the drive is likely to pull
     [N].
     """
@@ -466,7 +451,7 @@ def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, f
     return 0.0, largest_effort(rig, drive) / rig.drives[drive].lever
 
 
-def _torque_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+def _torque_travel(rig: Parts, part: int) -> tuple[float, float]:
     """Return the band of the external torque by the rig."""
     largest = BAND * rig.joints[part].external_torque.std
     return -largest, largest
@@ -601,7 +586,7 @@ def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
     """Return the lowest and the highest value that a sensor measures [SI], between which its
     linearity error is defined.
     """
-    return measurand_of(sensor).travel(sensor, rig, part_of(sensor, rig))
+    return measurand_of(sensor).travel(rig, part_of(sensor, rig))
 
 
 def gain_of(sensor: Sensor) -> Parameter:

@@ -147,8 +147,7 @@ def _limits(path: Path) -> dict[int, tuple[float, float]]:
     hand = _read(_Calibration, path)
     if not hand.calibrated:
         raise RigError(
-            f"{path}: says 'calibrated: false', so that its limits are not those of this hand; "
-            "calibrate the hand, or leave this file out"
+            f"{path}: says 'calibrated: false'; calibrate the hand, or leave this file out"
         )
     return {
         motor: (low, high)

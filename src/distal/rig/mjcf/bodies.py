@@ -419,6 +419,7 @@ def described_joints(
     within the stops of all.
 
     Args:
+        length_unit: metres in one unit of length of the model.
         springs: index of a joint → its raw return spring.
     """
     import mujoco
@@ -535,7 +536,7 @@ def described_stop(
 ) -> Raw:
     """Return the stops of a joint, raw, within which it and all joints that follow it are within
     their limits, with stiffness and damping by the joint's limits in MuJoCo; empty where none of
-    them has limits.
+    them has limits. The model's unit of length has `length_unit` metres.
     """
     ends = [range_of(model, joint)] if model.jnt_limited[joint] else []
     for pair in coupled:
@@ -628,6 +629,7 @@ def softened(
 
     Args:
         springs: index of a joint → its raw return spring.
+        length_unit: metres in one unit of length of the model.
     """
     soft = list[Coupled]()
     for pair in coupled:

@@ -66,7 +66,8 @@ def joint_springs(
     """Return the raw return spring of each joint that has one, and what is left out, in words.
 
     The torques of all springs that act on one joint alone are added over its range, and −(k x + q
-    x² + c x³) with x = θ − θ₀ is fitted to the sum.
+    x² + c x³) with x = θ − θ₀ is fitted to the sum. The model's unit of length has `length_unit`
+    metres.
     """
     springs = dict[int, dict[str, float]]()
     left = list[str]()
@@ -145,8 +146,8 @@ def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
 
 
 def described_drive(model: mujoco.MjModel, tendon: int, name: str, length_unit: float) -> Raw:
-    """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of
-    the drive.
+    """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of the drive.
+    The model's unit of length has `length_unit` metres.
     """
     constant = only_number(model.tendon_frictionloss[tendon]) * length_unit
     friction: Raw = {"load": ASSUMED.path_friction}
@@ -173,7 +174,8 @@ def described_crossings(
     length [m], and a note where its moment arms are not exact.
 
     The std of the polynomial's `scale`, or of the pulleys' radii, is what 92 % of the errors of its
-    moment arms stay below, at least `LARGEST_ARM_ERROR`. The `poses` are those of the `hinges`.
+    moment arms stay below, at least `LARGEST_ARM_ERROR`. The `poses` are those of the `hinges`; the
+    model's unit of length has `length_unit` metres.
     """
     crossed = turned_by(poses, tendon)
     joints = [hinges[k] for k in crossed]
@@ -512,9 +514,8 @@ def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> Non
         if max(map(abs, sums), default=0.0) > model.stat.extent:
             listed = " and ".join(f"{coefficient:g}" for coefficient in sums)
             raise RigError(
-                f"the fixed tendon '{name}' sums angles, by the coefficients {listed}, which are "
-                "no lengths: its path is not in the model. Write the radius of each pulley as its "
-                'coef, such as coef="0.008" for 8 mm'
+                f"the fixed tendon '{name}' sums angles: its coefficients {listed} are no lengths. "
+                'Write the radius of each pulley as its coef, such as coef="0.008" for 8 mm'
             )
 
 
