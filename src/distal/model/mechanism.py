@@ -10,7 +10,7 @@ import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
-from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
+from distal.model.friction import Limit, capstan_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
 from distal.model.springs import extension_torque, polynomial_torque
 from distal.model.tendon_tensions import Tendons
@@ -168,15 +168,22 @@ class Mechanism(Tendons):
             limits.append(limit)
         return limits
 
-    def _joint_friction(self, body: int, tensions: Vector) -> Limit:
+    def _joint_friction(self, joint: int, tensions: Vector) -> Limit:
+        """Return the friction limit μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T; with e = 1 it is
+        μ r_a N, equation (12) reconstructed.
+        """
         p = self.parameters
-        path = f"{self.bodies[body].path}.friction"
+        path = f"joints.{joint}.friction"
         if f"{path}.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
-        tension = sum(tensions[i] for i, joints in enumerate(self.joints_of) if body in joints)
+        tension = sum(tensions[i] for i, joints in enumerate(self.joints_of) if joint in joints)
         names = ("coefficient", "radius", "preload", "reference", "exponent")
         coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
-        limit = load_dependent_limit(coefficient, radius, preload + tension, reference, exponent)
+        limit = coefficient * radius
+        if ca.SX(exponent).is_one():
+            limit = limit * (preload + tension)
+        else:
+            limit = limit * reference * ((preload + tension) / reference) ** exponent
         return Limit(limit, limit)
 
     def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
@@ -214,7 +221,7 @@ class Mechanism(Tendons):
         """
         body = self.n_joints + drive
         limit = self._dry_friction(body, "hysteresis", tensions)
-        slope = self.parameters[f"{self.bodies[body].path}.hysteresis.slope"]
+        slope = self.parameters[f"drives.{drive}.hysteresis.slope"]
         return ca.fmax(limit * (1 + slope * q[self.joints_of[self.pulled_by(body)[0]][0]]), 0)
 
     def inertias(self) -> Vector:

@@ -476,7 +476,8 @@ class Tendons:
         for i in range(self.n_drives):
             if self.rig.drives[i].backlash is not None:
                 held = None if remembered is None else remembered[len(far_sides)]
-                far_sides.append(self._far_side(i, ca.vertcat(*tied), held, points, settled))
+                at = ca.vertcat(*tied)
+                far_sides.append(held if settled else self._far_side(i, at, held, points))
                 tied[self.n_joints + i] = far_sides[-1]
         for j, joint in enumerate(self.rig.joints):
             if joint.backlash is not None:
@@ -497,7 +498,7 @@ class Tendons:
             if self.rig.drives[index].backlash.held:  # type: ignore[union-attr]
                 return near
             points = [self.parameters[name] for name in self.plays[self._first_point :]]
-            rests = self._far_side(index, q, self.parameters[self.plays[which]], points, False)
+            rests = self._far_side(index, q, self.parameters[self.plays[which]], points)
             return Bounds(rests, rests)
         state = self.internal_state(q, settled=True)
         sheath = self.sheath(index)
@@ -509,20 +510,13 @@ class Tendons:
         return sheath.bounds(point, line[point], line[point + 2])
 
     def _far_side(
-        self,
-        drive: int,
-        q: Vector,
-        before: Scalar | None,
-        points: Sequence[Scalar] | None,
-        settled: bool,
+        self, drive: int, q: Vector, before: Scalar | None, points: Sequence[Scalar] | None
     ) -> Scalar:
         """Return where the far side of a drive's backlash is."""
         part = self.rig.drives[drive].backlash
         body = self.n_joints + drive
         p = self.parameters
         assert part is not None  # it is asked for drives with backlash
-        if settled:
-            return before
         path = f"drives.{drive}.backlash"
         near = gap(q[body], p[f"{path}.width"])
         start = near.middle if before is None else before

@@ -177,13 +177,7 @@ SI unit."""
 def doubts(rig: Rig) -> list[str]:
     """Return a sentence for each value of a rig that is allowed but is probably a mistake."""
     sentences = []
-    parameters = [
-        each
-        for kind, components in rig.components.items()
-        for component in components
-        for each in parameters_below(component, f"{kind}.{component.name}")
-    ]
-    for path, parameter in parameters:
+    for path, parameter in parameters_below(rig):
         size = abs(parameter.value)
         low, high, unit = USUAL.get(path.rpartition(".")[2], (0.0, inf, ""))
         is_usual = size == 0.0 or low <= size <= high

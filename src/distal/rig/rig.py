@@ -212,12 +212,10 @@ class Rig(Description):
         _share_alike(self)
         _plays_apart(self)
         for i, joint in enumerate(self.joints):
-            friction = joint.friction
-            if friction is None or (
-                friction.exponent.value == 1.0 and friction.exponent.filter_std == 0.0
-            ):
+            if joint.friction is None or self.reference_load(i) > 0.0:
                 continue
-            if self.reference_load(i) <= 0.0:
+            exponent = joint.friction.exponent
+            if (exponent.value, exponent.filter_std) != (1.0, 0.0):
                 raise ValueError(
                     f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' "
                     "load "
@@ -263,11 +261,10 @@ class Rig(Description):
         of the value.
         """
         stds: dict[str, dict[str, float]] = {}
-        for kind in ("joints", "drives", "tendons"):
-            for i, part in enumerate(self.components[kind]):
-                for path, parameter in parameters_below(part, f"{kind}.{i}"):
-                    if parameter.shared is not None and parameter.shared.std > 0.0:
-                        stds.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
+        for path, parameter in parameters_below(self):
+            shared = parameter.shared
+            if shared is not None and shared.std > 0.0 and not path.startswith("sensors."):
+                stds.setdefault(shared.name, {})[path] = shared.std
         return stds
 
     def __repr__(self) -> str:
@@ -439,18 +436,13 @@ def _plays_apart(rig: Rig) -> None:
             )
 
 
-def parameters_below(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
-    """Yield the parameters below a part, with their paths."""
-    for name in type(part).model_fields:
-        field = getattr(part, name)
-        if isinstance(field, Parameter):
-            yield f"{path}.{name}", field
-        elif isinstance(field, Description):
-            yield from parameters_below(field, f"{path}.{name}")
-        elif isinstance(field, tuple):
-            for i, member in enumerate(field):
-                if isinstance(member, Description):
-                    yield from parameters_below(member, f"{path}.{name}.{i}")
+def parameters_below(part: object, path: str = "") -> Iterator[tuple[str, Parameter]]:
+    """Yield the parameters below a part, with their paths; the `path` of a whole rig is empty."""
+    if isinstance(part, Parameter):
+        yield path, part
+    elif isinstance(part, (Description, tuple)):
+        for key, member in enumerate(part) if isinstance(part, tuple) else part:
+            yield from parameters_below(member, f"{path}.{key}" if path else str(key))
 
 
 ALONE = 0.1

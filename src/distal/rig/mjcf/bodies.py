@@ -326,7 +326,7 @@ def _powers(joints: int, degree: int) -> NDArray[np.int64]:
 
 
 def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Return values, (k, n_terms), and slopes of the terms, (k, n_joints, n_terms)."""
+    """Return values, (k, n_terms), and slopes of the terms, (n_joints, k, n_terms)."""
     raised = angles[:, None, :] ** powers[None]
     slopes = []
     for j in range(angles.shape[1]):
@@ -334,7 +334,7 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
         slopes.append(
             cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0)
         )
-    return np.prod(raised, axis=2), np.stack(slopes, axis=1)
+    return np.prod(raised, axis=2), np.array(slopes)
 
 
 def _equations(
@@ -346,17 +346,15 @@ def _equations(
     size = np.abs(arms).max(axis=0)
     span = max(float(np.ptp(lengths)), 1e-12)
     values, slopes = _terms(angles[::2], powers)
-    rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
-    return rows, np.concatenate(
-        [lengths[::2] / span, *(arms[::2, j] / size[j] for j in range(len(size)))]
-    )
+    rows = np.vstack([values / span, *(slopes / size[:, None, None])])
+    return rows, np.concatenate([lengths[::2] / span, *(arms[::2] / size).T])
 
 
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     rows, desired = _equations(powers, angles, lengths, arms)
     coefficients: Floats = np.linalg.lstsq(rows, desired, rcond=None)[0].astype(np.float64)
     values, slopes = _terms(angles[1::2], powers)
-    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
+    left: Floats = np.abs(np.einsum("jkt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
         arms
     ).max(axis=0)
     off = values @ coefficients - lengths[1::2]

@@ -344,20 +344,22 @@ def other_joints(
     """
     import mujoco
 
+    kind_of = mujoco.mjtJoint
     kinds = {
-        int(mujoco.mjtJoint.mjJNT_SLIDE): (1, "slides"),
-        int(mujoco.mjtJoint.mjJNT_BALL): (3, "turns every way"),
-        int(mujoco.mjtJoint.mjJNT_FREE): (6, "is free"),
+        kind_of.mjJNT_SLIDE: (1, "slides"),
+        kind_of.mjJNT_BALL: (3, "turns every way"),
+        kind_of.mjJNT_FREE: (6, "is free"),
     }
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     slopes = np.abs(tendon_slopes(model, data))
     notes = list[str]()
     for t, name in driven.items():
-        for j in (j for j in range(model.njnt) if j not in hinges):
+        least = CROSSED * max(float(slopes[t].max()), 1e-12)
+        for j in range(model.njnt):
             dof = model.jnt_dofadr[j]
-            width, kind = kinds.get(int(model.jnt_type[j]), (1, None))
-            if slopes[t, dof : dof + width].max() <= CROSSED * max(float(slopes[t].max()), 1e-12):
+            width, kind = kinds.get(kind_of(model.jnt_type[j]), (1, None))
+            if j in hinges or slopes[t, dof : dof + width].max() <= least:
                 continue
             if kind is not None:
                 raise RigError(
