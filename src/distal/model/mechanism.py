@@ -12,7 +12,7 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
 from distal.model.friction import Limit, capstan_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
-from distal.model.springs import extension_torque, polynomial_torque
+from distal.model.springs import extension_torque
 from distal.model.tendon_tensions import Tendons
 from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
@@ -117,13 +117,18 @@ class Mechanism(Tendons):
         return ca.substitute(ca.vertcat(*rows), at, q)
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
+        """Return the torque [N m] of a joint's return springs: −(k x + k₂ x² + k₃ x³) with x = θ −
+        rest angle, and that of `extension_torque`.
+        """
         p = self.parameters
         path = f"joints.{index}"
         torque = ca.SX(0)
         if joint.spring is not None:
             away = q[index] - p[f"{path}.spring.rest_angle"]
-            parts = [p[f"{path}.spring.{name}"] for name in ("stiffness", "quadratic", "cubic")]
-            torque += polynomial_torque(away, *parts)
+            linear, quadratic, cubic = (
+                p[f"{path}.spring.{name}"] for name in ("stiffness", "quadratic", "cubic")
+            )
+            torque += -away * (linear + away * (quadratic + away * cubic))
         if joint.extension_spring is not None:
             spring = f"{path}.extension_spring"
             parts = [

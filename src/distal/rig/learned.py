@@ -143,8 +143,7 @@ class LearnedMap(Description):
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Name → shape of each array: M radial functions, n features, and J joints."""
-        points = self.arrays.by_name.get("points", np.zeros((0, 0)))
-        radial = len(points)
+        radial = len(self.arrays.by_name.get("points", ()))
         inputs = self.count + len(self.moving)
         features = features_of(self.count) + radial
         joints = len(self.joints)
@@ -209,8 +208,8 @@ class LearnedMaps(Description):
     @property
     def alone(self) -> bool:
         """Whether the angles are those of readings alone, since no filter could follow the logs."""
-        shared = bool(self.readings) and all(learned.answers for learned in self.readings)
-        return shared and not self.filter
+        answers = all(learned.answers for learned in self.readings)
+        return answers and bool(self.readings) and not self.filter
 
     @property
     def pooled(self) -> tuple[LearnedMap, ...]:

@@ -573,24 +573,25 @@ def _joints_of(rig: Rig, path: str) -> list[str]:
 
 
 def _part(rig: Rig, names: list[str]) -> Subsystem:
-    alone = {"joints": set(names)}
     pulling = [tendon for tendon in rig.tendons if tendon.joints[0] in names]
-    alone["tendons"] = {tendon.name for tendon in pulling}
-    alone["drives"] = {tendon.drive for tendon in pulling}
+    alone = {
+        "joints": names,
+        "drives": [tendon.drive for tendon in pulling],
+        "tendons": [tendon.name for tendon in pulling],
+    }
     chosen = {
-        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in alone[kind])
-        for kind in ("joints", "drives", "tendons")
+        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own)
+        for kind, own in alone.items()
     }
     chosen["sensors"] = tuple(
         i for i, sensor in enumerate(rig.sensors) if sensor.of in alone[measurand_of(sensor).of]
     )
-    joints = chosen["joints"]
-    parents = (rig.parent_of(j) for j in joints)
-    names_of_parents = (BASE if parent is None else rig.joints[parent].name for parent in parents)
-    parts = {
+    parts: dict[str, object] = {
         kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }
+    parents = {j: rig.parent_of(j) for j in chosen["joints"]}
     parts["joints"] = tuple(
-        rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)
+        rig.joints[j].model_copy(update={"parent": BASE if on is None else rig.joint_names[on]})
+        for j, on in parents.items()
     )
     return Subsystem(rig.model_copy(update={**parts, "map": None}), chosen)

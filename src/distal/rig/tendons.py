@@ -7,6 +7,7 @@ Tendons and how they are fixed to the joint.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
 
@@ -16,24 +17,20 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import (
     ONE,
     ZERO,
+    Coefficient,
     Description,
     FixedAngle,
     In,
     Length,
+    Load,
+    Name,
     Parameter,
+    Stiffness,
+    Turn,
 )
 
 if TYPE_CHECKING:
     from distal.expressions import Scalar
-from dataclasses import dataclass
-
-from distal.rig.quantities import (
-    Coefficient,
-    Load,
-    Name,
-    Stiffness,
-    Turn,
-)
 
 Size: TypeAlias = "Callable[[str], Scalar]"
 """Name of one of an insertion's numbers → its symbol or value.
