@@ -11,6 +11,7 @@ from distal.rig.joints import STOPS, Stribeck
 from distal.rig.quantities import (
     ZERO,
     AngularDamping,
+    AngularRange,
     AnyTorque,
     Coefficient,
     Description,
@@ -216,7 +217,7 @@ class Capstan(Description):
     hysteresis: Hysteresis | None = None
     backlash: Backlash | None = None
     cogging: Cogging | None = None
-    stops: Annotated[tuple[float, float], In("rad")] | None = STOPS
+    stops: AngularRange | None = STOPS
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
     stop_damping: AngularDamping = Parameter(value=0.1)
     nominal_force: Annotated[Parameter, In("N m", drifts=False)] = USUAL_EFFORT

@@ -14,6 +14,7 @@ from distal.rig.quantities import (
     ONE,
     ZERO,
     AngularDamping,
+    AngularRange,
     AnyAngle,
     AnyRadians,
     Coefficient,
@@ -223,7 +224,7 @@ class Joint(Description):
     extension_spring: ExtensionSpring | None = None
     gravity: Gravity | None = None
     backlash: JointBacklash | None = None
-    stops: Annotated[tuple[float, float], In("rad")] | None = STOPS
+    stops: AngularRange | None = STOPS
     stops_std: Radians = Field(
         0.0,
         description="standard deviation of both ends; a calibration against them is no better",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -22,7 +22,7 @@ from distal.rig.drives import Drive
 from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.overrides import set_value
-from distal.rig.quantities import Description, Duration, In, Parameter
+from distal.rig.quantities import Description, Duration, Parameter, Rate
 from distal.rig.sensors import MEASURED, Sensor, in_its_unit, log_factor, measurand_of
 from distal.rig.tendons import Tendon
 from distal.rig.validation import KINDS as KINDS_OF_PARTS
@@ -47,9 +47,7 @@ class TimeColumn(Description):
         description='"first" or "last" of rows with one stamp is kept, or they are "spread" evenly '
         'up to the next stamp, or such a log is "refused"',
     )
-    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] | None = Field(
-        None, description="of the rows, where no column holds their time"
-    )
+    rate: Rate | None = Field(None, description="of the rows, where no column holds their time")
 
 
 class LogFormat(Description):

@@ -38,6 +38,7 @@ from distal.rig.quantities import (
     Newtons,
     Parameter,
     Radians,
+    Rate,
     Seconds,
     TorqueConstant,
 )
@@ -94,7 +95,7 @@ class SensorBase(Description):
     )
     unit: str | None = Field(None, min_length=1, description="in the log; SI by default")
     sign: Literal[1, -1] = Field(1, description="−1 where the log counts the other way")
-    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = 100.0
+    rate: Rate = 100.0
     delay: Seconds = Field(0.0, description="age of a reading when it is stamped")
 
     lag: Seconds = Field(
@@ -609,21 +610,15 @@ def log_factor(sensor: Sensor) -> float:
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
     """
-    if isinstance(sensor, TorqueSensor):
-        unit, torque = sensor.logged
-        try:
-            return torque * unit_factor(sensor.unit or unit, unit)
-        except UnitError as problem:
-            needs = (
-                "; a load cell in N needs its lever, a current a torque_constant"
-                if unit == sensor.si
-                else ""
-            )
-            raise UnitError(f"{problem}{needs}") from None
-    gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
-    if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
-        return 2 * pi / (sensor.counts_per_turn * gear)
-    return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
+    if isinstance(sensor, AngleSensor):
+        counted = sensor._counting(vars(sensor))
+        return counted[1] if counted else unit_factor(sensor.unit or "rad", "rad") / sensor.gear
+    unit, size = sensor.logged if isinstance(sensor, TorqueSensor) else (sensor.si, 1.0)
+    try:
+        return size * unit_factor(sensor.unit or unit, unit)
+    except UnitError as problem:
+        needs = "; a load cell in N needs its lever, a current a torque_constant"
+        raise UnitError(f"{problem}{needs if unit == 'N m' else ''}") from None
 
 
 def angle_unit(sensors: Sequence[Sensor]) -> str:

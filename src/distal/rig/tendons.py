@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import (
     ONE,
     ZERO,
+    AngularRange,
     Coefficient,
     Description,
     FixedAngle,
@@ -234,7 +235,7 @@ class Polynomial(Description):
     kind: Literal["polynomial"]
     joints: tuple[str, ...] = Field(min_length=1)
     terms: tuple[Term, ...] = Field(min_length=1)
-    range: tuple[Annotated[tuple[float, float], In("rad")], ...] = Field(
+    range: tuple[AngularRange, ...] = Field(
         min_length=1, description="[low, high] of each joint where it holds"
     )
     scale: Annotated[Parameter, In("", "positive")] = Field(

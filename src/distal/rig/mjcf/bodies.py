@@ -279,6 +279,30 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         lengths: of the tendon, less the length with all of these joints at zero, (k,).
         arms: ∂length/∂angle, (k, n_joints).
     """
+
+    def shortened(full: Excursion, enough: float) -> Excursion:
+        """Return a polynomial with as few terms as leave at most `enough` of each moment arm."""
+        rows, desired = _equations(full.powers, angles, lengths, arms)
+        directions = rows / np.linalg.norm(rows, axis=0)
+        gram = directions.T @ directions
+        explained = desired @ directions
+        chosen = list[int]()
+        left = explained
+        while len(chosen) < len(full.powers):
+            gains = np.abs(left)
+            gains[chosen] = -1.0
+            chosen.append(int(gains.argmax()))
+            weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[
+                0
+            ]
+            left = explained - gram[:, chosen] @ weights
+            # with a joint that has no term the error is too large in any case
+            if np.all(full.powers[chosen].any(axis=0)):
+                shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
+                if shorter.arm_rms.max() <= enough:
+                    return shorter
+        return full
+
     fits = list[Excursion]()
     joints = angles.shape[1]
     for degree in range(1, HIGHEST_DEGREE + 1):
@@ -286,34 +310,10 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
             break
         fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
         if fits[-1].arm_rms.max() <= LARGEST_ARM_ERROR:
-            return _shortened(fits[-1], LARGEST_ARM_ERROR, angles, lengths, arms)
+            return shortened(fits[-1], LARGEST_ARM_ERROR)
     least = min(fit.arm_rms.max() for fit in fits)
     lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
-    return _shortened(lowest, NEARLY * least, angles, lengths, arms)
-
-
-def _shortened(
-    full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats
-) -> Excursion:
-    """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
-    rows, desired = _equations(full.powers, angles, lengths, arms)
-    directions = rows / np.linalg.norm(rows, axis=0)
-    gram = directions.T @ directions
-    explained = desired @ directions
-    chosen = list[int]()
-    left = explained
-    while len(chosen) < len(full.powers):
-        gains = np.abs(left)
-        gains[chosen] = -1.0
-        chosen.append(int(gains.argmax()))
-        weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[0]
-        left = explained - gram[:, chosen] @ weights
-        # with a joint that has no term the error is too large in any case
-        if np.all(full.powers[chosen].any(axis=0)):
-            shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
-            if shorter.arm_rms.max() <= enough:
-                return shorter
-    return full
+    return shortened(lowest, NEARLY * least)
 
 
 def _powers(joints: int, degree: int) -> NDArray[np.int64]:
