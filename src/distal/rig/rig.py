@@ -25,7 +25,6 @@ from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, Duration, Parameter, Rate
 from distal.rig.sensors import MEASURED, Sensor, in_its_unit, log_factor, measurand_of
 from distal.rig.tendons import Tendon
-from distal.rig.validation import KINDS as KINDS_OF_PARTS
 from distal.rig.validation import named, validated
 from distal.units import unit_factor
 
@@ -297,7 +296,12 @@ class Rig(Description):
     @property
     def components(self) -> dict[str, tuple[Component, ...]]:
         """Kind, as a rig file names its lists → the components of this kind."""
-        return {kind: getattr(self, kind) for kind in KINDS_OF_PARTS}
+        return {
+            "joints": self.joints,
+            "drives": self.drives,
+            "tendons": self.tendons,
+            "sensors": self.sensors,
+        }
 
     @property
     def joint_names(self) -> list[str]:

@@ -579,8 +579,8 @@ def measurand_of(sensor: Sensor) -> Measurand:
 
 def part_of(sensor: Sensor, rig: Parts) -> int:
     """Return the index of the part that a sensor is of."""
-    parts: Sequence[Part] = getattr(rig, measurand_of(sensor).of)
-    return [part.name for part in parts].index(sensor.of)
+    parts = {"joints": rig.joints, "drives": rig.drives, "tendons": rig.tendons}
+    return [part.name for part in parts[measurand_of(sensor).of]].index(sensor.of)
 
 
 def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
