@@ -77,9 +77,9 @@ def test_the_largest_effort_is_the_limit_or_twice_that_at_rest() -> None:
     ):
         changed = rig.with_values(changes)
         assert largest_effort(changed, 0) == pytest.approx(largest)
-        assert FORCE.travel(None, changed, 0) == pytest.approx((-largest, largest))
+        assert FORCE.travel(changed, 0) == pytest.approx((-largest, largest))
     slider = load_rig("paper-2008").with_values({"drives.*.nominal_force": 4.0})
-    assert FORCE.travel(None, slider, 1) == pytest.approx((0.0, 8.0))
+    assert FORCE.travel(slider, 1) == pytest.approx((0.0, 8.0))
 
 
 def test_a_place_is_possible_a_little_beyond_the_stops_or_far_beyond_what_the_joint_takes_it() -> (

@@ -16,7 +16,7 @@ each of them one joint stops or breaks loose.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,20 +48,6 @@ class Chain:
         """
         return [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
 
-    def carried(self, turned: Sequence[Matrix], v: Vector) -> list[Vector]:
-        """Return the angular velocity that each link has from the joints before its own, in its own
-        frame, (3,) each [rad/s].
-
-        The frames are `turned` by the matrices of `rotations`; the joints' speeds are v.
-        """
-        spins = list[Vector]()
-        for i, parent in enumerate(self.parents):
-            before = (
-                ca.SX(3, 1) if parent is None else spins[parent] + self._axis(parent) * v[parent]
-            )
-            spins.append(ca.mtimes(turned[i].T, before))
-        return spins
-
     def gravity(self) -> Vector:
         """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
         turned = ca.SX.eye(3)
@@ -90,7 +76,6 @@ class Chain:
         n = len(self.rig.joints)
         turned = self.rotations(q)
         resting = (ca.SX(3, 1), ca.SX(3, 1), -self.gravity())
-        spins = self.carried(turned, v)
         moving = list[tuple[Vector, Vector, Vector]]()
         loads = list[tuple[Vector, Vector]]()
         for i in range(n):
@@ -102,7 +87,7 @@ class Chain:
             linear = ca.mtimes(
                 back, linear + ca.cross(twist, offset) + ca.cross(spin, ca.cross(spin, offset))
             )
-            spin = spins[i]
+            spin = ca.mtimes(back, spin)
             twist = ca.mtimes(back, twist) + axis * acceleration[i] + ca.cross(spin, axis * v[i])
             spin = spin + axis * v[i]
             moving.append((spin, twist, linear))
@@ -207,17 +192,13 @@ def slipping(
         return Slip(load >= up, load < -down)
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
-    signs: Sequence[Scalar] = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
+    signs = (v > 0) - (v < 0)
     residual = load - ca.mtimes(matrix, v)
-    held = list[Scalar]()
-    for j in range(n):
-        high = ca.if_else(v[j] < 0, -down[j], up[j])
-        low = ca.if_else(v[j] > 0, up[j], -down[j])
-        held.append(ca.fmin(ca.fmax(residual[j], low), high))
-    g = ca.vertcat(*held)
-    left = ca.SX(1)
+    high = ca.if_else(v < 0, -down, up)
+    low = ca.if_else(v > 0, up, -down)
+    g = ca.fmin(ca.fmax(residual, low), high)
     change = residual - g
-    state = (ca.vertcat(*signs), v, g, left)
+    state = (signs, v, g, ca.SX(1))
     follow = _event(n)
     for _ in range(EVENTS * n if events is None else events):
         state = follow(matrix, change, up, down, *state)
@@ -232,7 +213,7 @@ def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     v = [ca.SX(0)] * matrix.size1()
     for _ in range(SWEEPS):
         for j in range(n):
-            left = load[j] - sum((matrix[j, i] * v[i] for i in range(n) if i != j), ca.SX(0))
+            left = load[j] - sum(matrix[j, i] * v[i] for i in range(n) if i != j)
             v[j] = (ca.fmax(left - up[j], 0) + ca.fmin(left + down[j], 0)) / matrix[j, j]
     return ca.vertcat(*v)
 
@@ -259,16 +240,15 @@ def _event(n: int) -> ca.Function:
     span = up + down
     dv = solver(matrix, moving)(change)
     dg = held * (change - ca.mtimes(matrix, dv))
+    # for a joint that slips dg is zero, for one that sticks v and dv are zero
+    distance = held * ((dg > 0) * span - down - g) - v
+    rate = dv + dg
+    happens = ca.logic_or(signs * dv < 0, dg != 0)
+    time = ca.fmax(distance / (rate + (rate == 0)), 0)
+    times = NO_EVENT + happens * (time - NO_EVENT)
     soonest = left
-    times = []
     for j in range(n):
-        # for a joint that slips dg is zero, for one that sticks v and dv are zero
-        distance = held[j] * ((dg[j] > 0) * span[j] - down[j] - g[j]) - v[j]
-        rate = dv[j] + dg[j]
-        happens = ca.logic_or(signs[j] * dv[j] < 0, dg[j] != 0)
-        time = ca.fmax(distance / (rate + (rate == 0)), 0)
-        times.append(NO_EVENT + happens * (time - NO_EVENT))
-        soonest = ca.fmin(soonest, times[-1])
+        soonest = ca.fmin(soonest, times[j])
     after = list[Scalar]()
     assigned = ca.SX(soonest >= left)
     for j in range(n):
@@ -276,7 +256,7 @@ def _event(n: int) -> ca.Function:
         assigned = assigned + mine
         after.append(signs[j] + mine * (ca.sign(dg[j]) - signs[j]))
     # the velocity of a joint that has just stopped is zero
-    stands = ca.vertcat(*(sign * sign for sign in after))
+    stands = ca.vertcat(*after) ** 2
     state = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
     inputs = [matrix, *symbols, left]
     return ca.Function(

@@ -120,20 +120,6 @@ def free_response(damping: Scalar, inertia: Scalar, step: Scalar) -> tuple[Scala
     return ca.exp(-x), step / inertia * ratio
 
 
-def load_dependent_limit(
-    coefficient: Scalar, radius: Scalar, load: Scalar, reference: Scalar, exponent: Scalar
-) -> Scalar:
-    """Return the friction limit μ r_a N_ref (N/N_ref)^e; with e = 1 it is μ r_a N, equation (12)
-    reconstructed.
-
-    The `coefficient` is μ, `radius` r_a [m], `load` N = T0 + Σ T ≥ 0 [N], `reference` N_ref [N],
-    `exponent` e ≥ 1.
-    """
-    if isinstance(exponent, ca.SX) and exponent.is_one():
-        return coefficient * radius * load
-    return coefficient * radius * reference * (load / reference) ** exponent
-
-
 @dataclass(frozen=True)
 class SoftMoments:
     """Moments of soft(z, l) for a normal z with std σ.

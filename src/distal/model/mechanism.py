@@ -10,9 +10,9 @@ import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
-from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
+from distal.model.friction import Limit, capstan_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
-from distal.model.springs import extension_torque, polynomial_torque
+from distal.model.springs import extension_torque
 from distal.model.tendon_tensions import Tendons
 from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
@@ -114,17 +114,21 @@ class Mechanism(Tendons):
         for i, joint in enumerate(self.rig.joints):
             torque = self._spring_torque(i, joint, at)
             rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
-        springs = ca.Function("springs", [at, self.parameters.symbols], [ca.vertcat(*rows)])
-        return springs(q, self.parameters.symbols)
+        return ca.substitute(ca.vertcat(*rows), at, q)
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
+        """Return the torque [N m] of a joint's return springs: −(k x + k₂ x² + k₃ x³) with x = θ −
+        rest angle, and that of `extension_torque`.
+        """
         p = self.parameters
         path = f"joints.{index}"
         torque = ca.SX(0)
         if joint.spring is not None:
             away = q[index] - p[f"{path}.spring.rest_angle"]
-            parts = [p[f"{path}.spring.{name}"] for name in ("stiffness", "quadratic", "cubic")]
-            torque += polynomial_torque(away, *parts)
+            linear, quadratic, cubic = (
+                p[f"{path}.spring.{name}"] for name in ("stiffness", "quadratic", "cubic")
+            )
+            torque += -away * (linear + away * (quadratic + away * cubic))
         if joint.extension_spring is not None:
             spring = f"{path}.extension_spring"
             parts = [
@@ -169,17 +173,22 @@ class Mechanism(Tendons):
             limits.append(limit)
         return limits
 
-    def _joint_friction(self, body: int, tensions: Vector) -> Limit:
+    def _joint_friction(self, joint: int, tensions: Vector) -> Limit:
+        """Return the friction limit μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T; with e = 1 it is
+        μ r_a N, equation (12) reconstructed.
+        """
         p = self.parameters
-        path = f"{self.bodies[body].path}.friction"
+        path = f"joints.{joint}.friction"
         if f"{path}.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
-        tension = sum(
-            (tensions[i] for i in range(self.n_tendons) if body in self.joints_of[i]), ca.SX(0)
-        )
+        tension = sum(tensions[i] for i, joints in enumerate(self.joints_of) if joint in joints)
         names = ("coefficient", "radius", "preload", "reference", "exponent")
         coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
-        limit = load_dependent_limit(coefficient, radius, preload + tension, reference, exponent)
+        limit = coefficient * radius
+        if ca.SX(exponent).is_one():
+            limit = limit * (preload + tension)
+        else:
+            limit = limit * reference * ((preload + tension) / reference) ** exponent
         return Limit(limit, limit)
 
     def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
@@ -206,7 +215,7 @@ class Mechanism(Tendons):
         """Return constant + load · R Σ T of a drive's friction or hysteresis."""
         p = self.parameters
         path = f"{self.bodies[body].path}.{kind}"
-        tension = sum((tensions[i] for i in self.pulled_by(body)), ca.SX(0))
+        tension = sum(tensions[i] for i in self.pulled_by(body))
         return p[f"{path}.constant"] + p[f"{path}.load"] * self.lever(body) * tension
 
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
@@ -217,7 +226,7 @@ class Mechanism(Tendons):
         """
         body = self.n_joints + drive
         limit = self._dry_friction(body, "hysteresis", tensions)
-        slope = self.parameters[f"{self.bodies[body].path}.hysteresis.slope"]
+        slope = self.parameters[f"drives.{drive}.hysteresis.slope"]
         return ca.fmax(limit * (1 + slope * q[self.joints_of[self.pulled_by(body)[0]][0]]), 0)
 
     def inertias(self) -> Vector:
@@ -233,18 +242,12 @@ class Mechanism(Tendons):
             inertias[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
         return ca.vertcat(*inertias)
 
-    def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    def stop(self, body: int) -> tuple[Scalar, ...]:
         """Return stiffness [N m/rad, N/m], damping [N m s/rad, kg/s], low and high end [rad, m] of
         the stops of a body.
         """
-        p = self.parameters
-        path = self.bodies[body].path
-        return (
-            p[f"{path}.stop_stiffness"],
-            p[f"{path}.stop_damping"],
-            p[f"{path}.stops.low"],
-            p[f"{path}.stops.high"],
-        )
+        names = ("stop_stiffness", "stop_damping", "stops.low", "stops.high")
+        return tuple(self.parameters[f"{self.bodies[body].path}.{name}"] for name in names)
 
     def dampings(self) -> Vector:
         """Return the viscous damping of each body, (n_bodies,) [N m s/rad, kg/s]."""

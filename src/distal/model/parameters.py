@@ -15,11 +15,10 @@ from distal.errors import RigError
 from distal.expressions import Scalar, Vector
 from distal.rig import Parameter, Rig, part_at
 
-# not part of the equations of motion: the start, and what stands in for a missing force sensor
-_NOT_DYNAMIC = frozenset({"initial", "nominal_force", "settled"})
-
-_STRUCTURE = frozenset({"axis", "range", "powers", "joints"})
-"""Tuples that are no numbers of the model: they are written into its expressions."""
+_NO_PARAMETERS = frozenset({"initial", "nominal_force", "settled", "axis", "range"})
+"""Keys that are not part of the equations of motion (the start, and what stands in for a missing
+force sensor), or are written into the model's expressions as they are.
+"""
 
 NEUTRAL = (".exponent", ".let_out", ".scale")
 """Ends of the names of parameters that change nothing where they are exactly one."""
@@ -170,23 +169,19 @@ def _walk(rig: Rig) -> Iterator[tuple[str, Parameter]]:
             yield f"joints.{i}.friction.reference", Parameter(value=rig.reference_load(i))
 
 
-def _walk_part(part: BaseModel, path: str) -> Iterator[tuple[str, Parameter]]:
+def _walk_part(part: BaseModel | tuple[object, ...], path: str) -> Iterator[tuple[str, Parameter]]:
     stops = getattr(part, "stops", None)
-    for name in type(part).model_fields:
-        field = getattr(part, name)
-        if name in _NOT_DYNAMIC or (name.startswith("stop_") and stops is None):
+    for key, field in enumerate(part) if isinstance(part, tuple) else part:
+        name = f"{path}.{key}"
+        if key in _NO_PARAMETERS or (stops is None and str(key).startswith("stop_")):
             continue
-        if name == "stops" and stops is not None:
+        if key == "stops" and stops is not None:
             # tiny offsets keep a stop at exactly zero from being read as an absent parameter
-            yield f"{path}.stops.low", Parameter(value=stops[0] or -1e-300)
-            yield f"{path}.stops.high", Parameter(value=stops[1] or 1e-300)
+            yield f"{name}.low", Parameter(value=stops[0] or -1e-300)
+            yield f"{name}.high", Parameter(value=stops[1] or 1e-300)
         elif isinstance(field, Parameter):
-            yield f"{path}.{name}", field
-        elif isinstance(field, BaseModel):
-            yield from _walk_part(field, f"{path}.{name}")
-        elif isinstance(field, tuple) and name not in _STRUCTURE:
-            for i, inner in enumerate(field):
-                if isinstance(inner, BaseModel):
-                    yield from _walk_part(inner, f"{path}.{name}.{i}")
-                elif isinstance(inner, float):
-                    yield f"{path}.{name}.{i}", Parameter(value=inner)
+            yield name, field
+        elif isinstance(field, (BaseModel, tuple)):
+            yield from _walk_part(field, name)
+        elif isinstance(field, float) and isinstance(part, tuple):
+            yield name, Parameter(value=field)

@@ -1,6 +1,4 @@
-"""Springs that are not linear: tendons that stiffen, polynomial springs of joints, and extension
-springs.
-"""
+"""Springs that are not linear: tendons that stiffen, and extension springs of joints."""
 
 from __future__ import annotations
 
@@ -32,15 +30,6 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
         x < STEEPEST, ca.expm1(ca.fmin(x, STEEPEST)), exp(STEEPEST) * (x - STEEPEST + 1) - 1
     )
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
-
-
-def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
-    """Return the torque −(k x + k₂ x² + k₃ x³) [N m] of a spring that is x = θ − rest angle [rad]
-    `away` from its rest.
-
-    Its `stiffness` k, `quadratic` k₂ and `cubic` k₃ are in N m/rad, N m/rad² and N m/rad³.
-    """
-    return -away * (stiffness + away * (quadratic + away * cubic))
 
 
 SHORTEST_SPRING = 1e-6

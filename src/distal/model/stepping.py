@@ -19,7 +19,7 @@ once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import casadi as ca
@@ -172,82 +172,6 @@ def residual(
     return needed + contacts.stiffness * (q[free] - contacts.position) + contacts.damping * after
 
 
-def chain_kick(
-    mechanism: Mechanism,
-    q: Vector,
-    v: Vector,
-    loads: Loads,
-    length: Scalar,
-    drift: Scalar,
-    *,
-    last: bool,
-    rebounds: bool,
-    damped: Vector | None = None,
-) -> Kicked:
-    """Return the joints of a chain after a kick and the drift that follows.
-
-    Args:
-        q: angles before the kick, (n_joints,).
-        v: speeds before the kick, (n_joints,).
-        length: of the kick [s].
-        drift: length of the drift that follows; in the last kick, of the drift before it [s].
-        last: whether no drift follows; a joint then presses against a stop where it is inside it.
-        rebounds: whether joints bounce off stops whose contact the step does not resolve.
-        damped: `damped_inertias`, where they are the same in all kicks; default those at q.
-    """
-    nj = mechanism.n_joints
-    spread = mechanism.spread
-    free = mechanism.free
-    matrix = mechanism.mass_matrix(q)
-    assembled = mechanism.chain
-    inertias = ca.diag(matrix)
-    dampings = mechanism.dampings()[:nj]
-    added = damped_inertias(mechanism, inertias, length) if damped is None else damped
-    matrix += ca.diag(added)
-    load = ca.mtimes(matrix, v) + length * (loads.force - dampings * v)
-    matrix += ca.diag(length * loads.implicit)
-    if loads.stiffness is not None:
-        matrix += length * length * loads.stiffness
-    share = ca.fabs(spread).T
-    up = length * ca.mtimes(share, loads.up)
-    down = length * ca.mtimes(share, loads.down)
-    matrix = ca.mtimes([spread.T, matrix, spread])
-    load = ca.mtimes(spread.T, load)
-    if assembled is not None:
-        bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
-        middle = _middle(matrix, load - length * bias, v[free], up, down)
-        bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
-        load -= length * bias
-    inertias = inertias[free]
-
-    slip = slipping(matrix, load, up, down)
-    alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
-    contacts = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
-    at = q[free]
-    kicked = alone
-    stopped = any(mechanism.bodies[j].has_stops for j in free)
-    if stopped:
-        contacts = _contacts(mechanism, at, alone, inertias, length, drift, last=last)
-        if last:
-            # a stop only pushes: one that would pull lets go
-            *_, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
-            inside = at - contacts.position
-            pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
-            contacts = Contacts(
-                contacts.stiffness * pushes, contacts.damping * pushes, contacts.position
-            )
-        matrix, load, slip, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
-    moved = at + drift * kicked
-    if stopped and rebounds and not last:
-        motion = (at, v[free], alone, kicked)
-        system = (matrix, load, slip, up, down)
-        kicked, moved = _bounced(
-            mechanism, motion, system, contacts, inertias=inertias, length=length, drift=drift
-        )
-    angles = ca.mtimes(spread, moved) + mechanism.offsets
-    return Kicked(angles, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down, added)
-
-
 def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:
     """Return the speeds in the middle of a kick, (n_free,). With Coriolis torques taken there the
     step is of second order.
@@ -261,25 +185,20 @@ def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -
 
 
 def _contacts(
-    mechanism: Mechanism,
-    q: Vector,
-    v: Vector,
-    inertias: Vector,
-    length: Scalar,
-    drift: Scalar,
-    *,
-    last: bool,
+    mechanism: Mechanism, kick: Kick, v: Vector, inertias: Vector, last: bool
 ) -> Contacts:
-    """Return which free joints press against a stop, judged by their velocities without it; see
-    `kick_at_stops`.
+    """Return which free joints press against a stop, judged by their velocities v without it; see
+    `kick_at_stops` and `kicked_chain`.
     """
+    length = kick.length
+    drift = kick.drift
     rows = list[tuple[Scalar, Scalar, Scalar]]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
             rows.append((0, 0, 0))
             continue
         stiffness, damping, low, high = mechanism.stop(j)
-        end = q[k] if last else q[k] + drift * v[k]
+        end = kick.q[j] if last else kick.q[j] + drift * v[k]
         at_high, at_low = (end > high, end < low) if last else met(end, v[k], *mechanism.stop(j))
         touching = ca.logic_or(at_high, at_low)
         share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
@@ -288,65 +207,44 @@ def _contacts(
     return Contacts(*(ca.vertcat(*column) for column in zip(*rows)))
 
 
-def _pressed(
-    contacts: Contacts,
-    at: Vector,
-    alone: Vector,
-    matrix: Matrix,
-    load: Vector,
-    *,
-    up: Vector,
-    down: Vector,
-) -> tuple[Matrix, Vector, Slip, Vector]:
-    """Return A and r with the stops in them, which free joints slip then, and their speeds."""
-    pressed = matrix + ca.diag(contacts.damping)
-    pressing = load - contacts.stiffness * (at - contacts.position)
-    slip = slipping(pressed, pressing, up, down, start=alone, events=matrix.size1())
-    return pressed, pressing, slip, solver(pressed, slip.moving)(pressing - slip.friction(up, down))
-
-
 def _bounced(
     mechanism: Mechanism,
-    motion: tuple[Vector, Vector, Vector, Vector],
-    system: tuple[Matrix, Vector, Slip, Vector, Vector],
-    contacts: Contacts,
-    *,
+    kick: Kick,
+    before: Vector,
+    alone: Vector,
     inertias: Vector,
-    length: Scalar,
-    drift: Scalar,
-) -> tuple[Vector, Vector]:
-    """Return speeds and angles after joints have bounced off their stops; the speeds of the other
+    pressed: Kicked,
+) -> Kicked:
+    """Return the free joints after some have bounced off their stops; the speeds of the other
     joints answer to these blows.
+
+    Args:
+        before: speeds before the kick.
+        alone: speeds after it without stops.
+        pressed: the free joints where none bounces.
     """
-    at, before, alone, kicked = motion
-    matrix, load, slip, up, down = system
+    drift = kick.drift
+    contacts = pressed.contacts
     rows = list[tuple[Scalar, Scalar, Scalar]]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
-            rows.append((ca.SX(0), ca.SX(0), ca.SX(0)))
+            rows.append((0, 0, 0))
             continue
         stiffness, damping, _, high = mechanism.stop(j)
         unresolved = stiffness * drift * drift / inertias[k] > 1
         rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
-        touching = contacts.damping[k] > 0
-        at_high = contacts.position[k] == high
-        flight = Flight(alone[k], at[k], before[k], length, drift)
-        flies, after, position = bounce(rebound, at_high, contacts.position[k], flight)
-        rows.append((ca.logic_and(touching, flies), after, position))
-    bounces, speeds, positions = zip(*rows)
-    bouncing = ca.vertcat(*bounces)
-    imposed = bouncing * ca.vertcat(*speeds)
-    moving = slip.moving * (1 - bouncing)
-    impulse = load - slip.friction(up, down) - ca.mtimes(matrix, imposed)
-    answered = imposed + solver(matrix, moving)(impulse)
-    velocities = [
-        ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))
-    ]
-    angles = [
-        ca.if_else(bounces[k], positions[k], at[k] + drift * velocities[k])
-        for k in range(len(bounces))
-    ]
-    return ca.vertcat(*velocities), ca.vertcat(*angles)
+        end = contacts.position[k]
+        flight = Flight(alone[k], kick.q[j], before[k], kick.length, drift)
+        flies, after, position = bounce(rebound, end == high, end, flight)
+        rows.append((ca.logic_and(contacts.damping[k] > 0, flies), after, position))
+    bouncing, speeds, positions = (ca.vertcat(*column) for column in zip(*rows))
+    imposed = bouncing * speeds
+    impulse = pressed.load - pressed.slip.friction(pressed.up, pressed.down)
+    moving = solver(pressed.matrix, pressed.slip.moving * (1 - bouncing))
+    answered = imposed + moving(impulse - ca.mtimes(pressed.matrix, imposed))
+    v = ca.if_else(ca.sum1(bouncing) > 0, answered, pressed.v)
+    flown = kick.q[mechanism.free] + drift * v
+    return replace(pressed, q=ca.if_else(bouncing, positions, flown), v=v)
 
 
 RESOLUTION = 0.6
@@ -385,9 +283,8 @@ def responses(
         if body.has_stops:
             k_s, b_s, _, _ = mechanism.stop(i)
             resolved = k_s * drift * drift / inertia <= 1
-            rebound = (
-                ca.if_else(resolved, 0, restitution(k_s, b_s, inertia)) if rebounds else ca.SX(0)
-            )
+            if rebounds:
+                rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia))
             implicitness = ca.if_else(resolved, 0.5, 1)
         rows.append(ca.horzcat(a, b, rebound, implicitness))
     return ca.vertcat(*rows)
@@ -483,9 +380,8 @@ def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
     # a weight above its axle has a negative stiffness and would turn over; it stays explicit
     stiffness += ca.diag(ca.fmax(-ca.diag(ca.jacobian(passive, at)[:, :nj]), 0))
     up, down = _sides(mechanism.friction_limits(at, still, pulls.joint, pulls.drive)[:nj])
-    p = mechanism.parameters.symbols
-    acting = ca.Function("settling", [at, p], [pulled + passive, up, down, ca.densify(stiffness)])
-    force, up, down, stiffness = acting(q, p)
+    acting = [pulled + passive, up, down, ca.densify(stiffness)]
+    force, up, down, stiffness = ca.substitute(acting, [at], [q])
     return Loads(force + effort, ca.SX(nj, 1), up, down, stiffness)
 
 
@@ -496,32 +392,84 @@ def kicked_chain(
     last: bool = False,
     settles: bool = False,
 ) -> Kicked:
-    """Return the joints of a chain after a kick and the drift that follows; see `chain_kick` and
-    `loads_of`.
+    """Return the joints of a chain after a kick and the drift that follows.
+
+    Args:
+        rebounds: whether joints bounce off stops whose contact the step does not resolve.
+        last: whether no drift follows, the `drift` of the kick being that before it; a joint then
+            presses against a stop where it is inside it.
+        settles: see `loads_of`; joints that settle begin at rest.
     """
     nj = mechanism.n_joints
+    spread = mechanism.spread
+    free = mechanism.free
+    length = kick.length
+    q = kick.q[:nj]
+    v = ca.SX.zeros(nj) if settles else kick.v[:nj]
     loads = loads_of(mechanism, kick, settles)
-    before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # joints that settle begin at rest
-    return chain_kick(
-        mechanism,
-        kick.q[:nj],
-        before,
-        loads,
-        kick.length,
-        kick.drift,
-        last=last,
-        rebounds=rebounds,
-        damped=kick.damped,
-    )
+    matrix = mechanism.mass_matrix(q)
+    inertias = ca.diag(matrix)
+    dampings = mechanism.dampings()[:nj]
+    added = damped_inertias(mechanism, inertias, length) if kick.damped is None else kick.damped
+    matrix += ca.diag(added)
+    load = ca.mtimes(matrix, v) + length * (loads.force - dampings * v)
+    matrix += ca.diag(length * loads.implicit)
+    if loads.stiffness is not None:
+        matrix += length * length * loads.stiffness
+    share = ca.fabs(spread).T
+    up = length * ca.mtimes(share, loads.up)
+    down = length * ca.mtimes(share, loads.down)
+    matrix = ca.mtimes([spread.T, matrix, spread])
+    load = ca.mtimes(spread.T, load)
+    if mechanism.chain is not None:
+        torques = mechanism.chain.torques
+        bias = ca.mtimes(spread.T, torques(q, v, ca.SX(nj, 1)))
+        middle = _middle(matrix, load - length * bias, v[free], up, down)
+        bias = ca.mtimes(spread.T, torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
+        load -= length * bias
+    inertias = inertias[free]
 
+    slip = slipping(matrix, load, up, down)
+    alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
+    at = q[free]
 
-def _stop(mechanism: Mechanism, body: int, response: Matrix, rebounds: bool) -> Stop:
-    k_s, b_s, low, high = mechanism.stop(body)
-    return Stop(low, high, k_s, b_s, response[body, 2] if rebounds else 0.0, response[body, 3])
+    def pressed(contacts: Contacts) -> Kicked:
+        """Return the free joints with the stops in A and r."""
+        held = matrix + ca.diag(contacts.damping)
+        pressing = load - contacts.stiffness * (at - contacts.position)
+        slip = slipping(held, pressing, up, down, start=alone, events=len(free))
+        speeds = solver(held, slip.moving)(pressing - slip.friction(up, down))
+        return Kicked(
+            at + kick.drift * speeds, speeds, slip, contacts, held, pressing, up, down, added
+        )
+
+    if any(mechanism.bodies[j].has_stops for j in free):
+        contacts = _contacts(mechanism, kick, alone, inertias, last)
+        if last:
+            # a stop only pushes: one that would pull lets go
+            inside = at - contacts.position
+            impulse = contacts.stiffness * inside + contacts.damping * pressed(contacts).v
+            pushes = impulse * inside > 0
+            contacts = Contacts(
+                contacts.stiffness * pushes, contacts.damping * pushes, contacts.position
+            )
+        kicked = pressed(contacts)
+        if rebounds and not last:
+            kicked = _bounced(mechanism, kick, v[free], alone, inertias, kicked)
+    else:
+        none = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
+        moved = at + kick.drift * alone
+        kicked = Kicked(moved, alone, slip, none, matrix, load, up, down, added)
+    angles = ca.mtimes(spread, kicked.q) + mechanism.offsets
+    return replace(kicked, q=angles, v=ca.mtimes(spread, kicked.v))
 
 
 def kick_and_drift(
-    mechanism: Mechanism, kick: Kick, rebounds: bool = True, bodies: Sequence[int] | None = None
+    mechanism: Mechanism,
+    kick: Kick,
+    rebounds: bool = True,
+    bodies: Sequence[int] | None = None,
+    last: bool = False,
 ) -> tuple[Vector, Vector]:
     """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit),
     q⁺ = q + h v⁺.
@@ -532,46 +480,34 @@ def kick_and_drift(
             to it.
         bodies: which bodies the kick moves; default all. The others drift with the velocity they
             have.
+        last: whether it is the half kick that ends an interval, of which v⁺ counts alone. Its
+            `drift` is the one before it.
     """
     z, limits, damping = impulses(mechanism, kick)
     free = range(mechanism.n_bodies) if bodies is None else bodies
     q = list[Scalar]()
     v = list[Scalar]()
     if mechanism.chain is not None:
-        chain = kicked_chain(mechanism, kick, rebounds)
+        chain = kicked_chain(mechanism, kick, rebounds, last)
         q = ca.vertsplit(chain.q)
         v = ca.vertsplit(chain.v)
     for i in range(len(q), mechanism.n_bodies):
         push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
+        velocity = push.free if i in free else kick.v[i]
+        position = kick.q[i] + kick.drift * velocity
         if i in free and mechanism.bodies[i].has_stops:
-            stop = _stop(mechanism, i, kick.response, rebounds)
-            velocity, position = kick_at_stops(
-                stop, push, kick.q[i], kick.v[i], kick.length, kick.drift
-            )
-        else:
-            velocity = push.free if i in free else kick.v[i]
-            position = kick.q[i] + kick.drift * velocity
+            k_s, b_s, low, high = mechanism.stop(i)
+            rebound = kick.response[i, 2] if rebounds else 0.0
+            stop = Stop(low, high, k_s, b_s, rebound, kick.response[i, 3])
+            if last:
+                velocity = velocity_in_stops(stop, push, kick.q[i], kick.drift)
+            else:
+                velocity, position = kick_at_stops(
+                    stop, push, kick.q[i], kick.v[i], kick.length, kick.drift
+                )
         q.append(position)
         v.append(velocity)
     return ca.vertcat(*q), ca.vertcat(*v)
-
-
-def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
-    """Return v⁺ after the half kick that ends an interval. The `drift` of this kick is the one
-    before it.
-    """
-    z, limits, damping = impulses(mechanism, kick)
-    velocities = list[Scalar]()
-    if mechanism.chain is not None:
-        velocities = ca.vertsplit(kicked_chain(mechanism, kick, last=True).v)
-    for i in range(len(velocities), mechanism.n_bodies):
-        push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
-        if mechanism.bodies[i].has_stops:
-            stop = _stop(mechanism, i, kick.response, False)
-            velocities.append(velocity_in_stops(stop, push, kick.q[i], kick.drift))
-        else:
-            velocities.append(push.free)
-    return ca.vertcat(*velocities)
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
@@ -694,16 +630,16 @@ def interval_step(
     servo = ca.SX.sym("servo", n, 3)
     implicit = None
     if with_servo:
-        stiffness = servo[:, 0]
-        target = servo[:, 1]
-        damping = servo[:, 2]
+        stiffness, target, damping = ca.horzsplit(servo)
         implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
     kick = Kick(*symbols, implicit=implicit)
     arguments = [*symbols, servo, p]
     moving = ca.Function(
         "substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds)))
     )
-    closing = ca.Function("last_kick", arguments, ca.cse([last_kick(mechanism, kick)]))
+    closing = ca.Function(
+        "last_kick", arguments, ca.cse([kick_and_drift(mechanism, kick, last=True)[1]])
+    )
     added = ca.SX.sym("added_inertia", n)
     prepared = ca.Function(
         "responses", [length, drift, added, p], [responses(mechanism, length, drift, added)]

@@ -279,16 +279,71 @@ class Body:
     has_stops: bool
 
 
-class Lengths:
-    """The bodies of a rig, and how long its tendons are.
+@dataclass(frozen=True)
+class InternalState:
+    """The internal state of the transmissions, and the coordinates that the tendons see.
 
-    Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives. Elongations
-    ℓ − l [m] are (n_tendons,).
+    Args:
+        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad,
+            m].
+        inside: positions of the far sides of drives' backlashes, then of the points in sheaths,
+            (n_inside,) [rad, m].
     """
 
-    def __init__(self, rig: Rig, parameters: Parameters) -> None:
+    q: Vector
+    inside: tuple[Scalar, ...]
+
+
+@dataclass(frozen=True)
+class Pulls:
+    """Tensions of the tendons and the forces that they exert on the bodies.
+
+    Args:
+        joint: tensions at the joints' ends, (n_tendons,) [N].
+        drive: tensions at the drives' ends, (n_tendons,) [N]; they are those at the joints unless a
+            tendon runs in a sheath.
+        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,) [N m, N].
+    """
+
+    joint: Vector
+    drive: Vector
+    forces: Vector
+
+
+class Tendons:
+    """The tendons of a rig: lengths, internal state, tensions [N] and forces; `Mechanism` adds the
+    other forces.
+
+    Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives; velocities v,
+    (n_bodies,), are theirs. Elongations ℓ − l [m] are (n_tendons,).
+
+    Args:
+        inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
+        remembers: whether the internal state (backlash, points in a sheath, creep) is remembered,
+            as `inside` among the parameters. Otherwise positions are taken to be in the middle of
+            their bounds, and creep to be as settled as at the start.
+        derived: values that are computed from the description; see `Parameters`.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        inputs: Sequence[str] = (),
+        remembers: bool = False,
+        derived: Derived = NOTHING_DERIVED,
+    ) -> None:
         self.rig = rig
-        self.parameters = parameters
+        self.remembers = remembers
+        self.plays = plays_of(rig)
+        self.strains = tuple(
+            f"tendons.{i}.creep.strain"
+            for i, tendon in enumerate(rig.tendons)
+            if tendon.creep is not None
+        )
+        # points in sheaths come last
+        self._first_point = sum(drive.backlash is not None for drive in rig.drives)
+        inside = (*self.plays, *self.strains) if remembers else ()
+        self.parameters = Parameters(rig, inputs, inside, derived)
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind, parts in (("joints", rig.joints), ("drives", rig.drives))
@@ -330,17 +385,15 @@ class Lengths:
         """Return the elongations ℓ_i(q) − l_i of all tendons, (n_tendons,) [m], from the
         coordinates alone: slack, backlash and creep are not in them.
         """
-        return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
-
-    def _elongation(self, tendon: int, q: Vector) -> Scalar:
-        """Return ℓ − l of a tendon, joint by joint: each one on its way changes what the one before
-        it has left of the displacement.
-        """
-        left = self.displacement(tendon, q)
-        for meeting in self.rig.tendons[tendon].meetings:
-            angles = [q[self._joint[name]] for name in meeting.joints]
-            left = meeting.shape.elongation(self._size(tendon, meeting), meeting.side, angles, left)
-        return left
+        elongations = []
+        for i, tendon in enumerate(self.rig.tendons):
+            # each joint on its way changes what the one before it has left of the displacement
+            left = self.displacement(i, q)
+            for meeting in tendon.meetings:
+                angles = [q[self._joint[name]] for name in meeting.joints]
+                left = meeting.shape.elongation(self._size(i, meeting), meeting.side, angles, left)
+            elongations.append(left)
+        return ca.vertcat(*elongations)
 
     def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
         """Return the angle [rad] at which a tendon of one joint has the elongation ℓ − l =
@@ -360,12 +413,8 @@ class Lengths:
         """Return ∂ℓ/∂q at q, (n_tendons, n_bodies): the moment arms, with the opposite sign of the
         torque.
         """
-        symbols = ca.SX.sym("q", self.n_bodies)
-        p = self.parameters.symbols
-        jacobian = ca.Function(
-            "jacobian", [symbols, p], [ca.jacobian(self.elongations(symbols), symbols)]
-        )
-        return jacobian(q, p)
+        at = ca.SX.sym("q", self.n_bodies)
+        return ca.substitute(ca.jacobian(self.elongations(at), at), at, q)
 
     def stretch(self, drive: int, q: Vector) -> Scalar:
         """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ
@@ -378,8 +427,8 @@ class Lengths:
         elongations = self.elongations(q)
         levers = self.length_jacobian(q)[:, body]
         tendons = self.pulled_by(body)
-        total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
-        return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
+        total = sum(levers[i] * elongations[i] for i in tendons)
+        return total / sum(levers[i] ** 2 for i in tendons)
 
     def wrapped(self, tendon: int) -> Scalar:
         """Return μ β of a tendon's path, for the capstan equation."""
@@ -387,69 +436,6 @@ class Lengths:
             return ca.SX(0)
         path = f"tendons.{tendon}.path"
         return self.parameters[f"{path}.friction"] * self.parameters[f"{path}.wrap"]
-
-
-@dataclass(frozen=True)
-class InternalState:
-    """The internal state of the transmissions, and the coordinates that the tendons see.
-
-    Args:
-        q: coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad,
-            m].
-        inside: positions of the far sides of drives' backlashes, then of the points in sheaths,
-            (n_inside,) [rad, m].
-    """
-
-    q: Vector
-    inside: tuple[Scalar, ...]
-
-
-@dataclass(frozen=True)
-class Pulls:
-    """Tensions of the tendons and the forces that they exert on the bodies.
-
-    Args:
-        joint: tensions at the joints' ends, (n_tendons,) [N].
-        drive: tensions at the drives' ends, (n_tendons,) [N]; they are those at the joints unless a
-            tendon runs in a sheath.
-        forces: on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,) [N m, N].
-    """
-
-    joint: Vector
-    drive: Vector
-    forces: Vector
-
-
-class Tendons(Lengths):
-    """The tendons of a rig: lengths, internal state, tensions [N] and forces; `Mechanism` adds the
-    other forces. Velocities v, (n_bodies,), are those of the coordinates q.
-
-    Args:
-        inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
-        remembers: whether the internal state (backlash, points in a sheath, creep) is remembered,
-            as `inside` among the parameters. Otherwise positions are taken to be in the middle of
-            their bounds, and creep to be as settled as at the start.
-        derived: values that are computed from the description; see `Parameters`.
-    """
-
-    def __init__(
-        self,
-        rig: Rig,
-        inputs: Sequence[str] = (),
-        remembers: bool = False,
-        derived: Derived = NOTHING_DERIVED,
-    ) -> None:
-        self.remembers = remembers
-        self.plays = plays_of(rig)
-        self.strains = tuple(
-            f"tendons.{i}.creep.strain"
-            for i, tendon in enumerate(rig.tendons)
-            if tendon.creep is not None
-        )
-        # points in sheaths come last
-        self._first_point = sum(drive.backlash is not None for drive in rig.drives)
-        inside = (*self.plays, *self.strains) if remembers else ()
-        super().__init__(rig, Parameters(rig, inputs, inside, derived))
 
     def internal_state(self, q: Vector, settled: bool = False) -> InternalState:
         """Return the internal state after the bodies have moved to q from where it is remembered.
@@ -490,7 +476,8 @@ class Tendons(Lengths):
         for i in range(self.n_drives):
             if self.rig.drives[i].backlash is not None:
                 held = None if remembered is None else remembered[len(far_sides)]
-                far_sides.append(self._far_side(i, ca.vertcat(*tied), held, points, settled))
+                at = ca.vertcat(*tied)
+                far_sides.append(held if settled else self._far_side(i, at, held, points))
                 tied[self.n_joints + i] = far_sides[-1]
         for j, joint in enumerate(self.rig.joints):
             if joint.backlash is not None:
@@ -510,8 +497,8 @@ class Tendons(Lengths):
             near = gap(q[self.n_joints + index], self.parameters[f"drives.{index}.backlash.width"])
             if self.rig.drives[index].backlash.held:  # type: ignore[union-attr]
                 return near
-            points = [self.parameters[name] for name in self.plays if name.startswith("tendons.")]
-            rests = self._far_side(index, q, self.parameters[self.plays[which]], points, False)
+            points = [self.parameters[name] for name in self.plays[self._first_point :]]
+            rests = self._far_side(index, q, self.parameters[self.plays[which]], points)
             return Bounds(rests, rests)
         state = self.internal_state(q, settled=True)
         sheath = self.sheath(index)
@@ -523,20 +510,13 @@ class Tendons(Lengths):
         return sheath.bounds(point, line[point], line[point + 2])
 
     def _far_side(
-        self,
-        drive: int,
-        q: Vector,
-        before: Scalar | None,
-        points: Sequence[Scalar] | None,
-        settled: bool,
+        self, drive: int, q: Vector, before: Scalar | None, points: Sequence[Scalar] | None
     ) -> Scalar:
         """Return where the far side of a drive's backlash is."""
         part = self.rig.drives[drive].backlash
         body = self.n_joints + drive
         p = self.parameters
         assert part is not None  # it is asked for drives with backlash
-        if settled:
-            return before
         path = f"drives.{drive}.backlash"
         near = gap(q[body], p[f"{path}.width"])
         start = near.middle if before is None else before
@@ -550,24 +530,15 @@ class Tendons(Lengths):
 
         The points of sheaths stay at `points` meanwhile; without these a cable is a spring.
         """
-        at = ca.SX.sym("q", self.n_bodies)
-        held = ca.SX.sym("points", len(points or ()))
+        moved = ca.SX.sym("moved")
+        at = ca.vertcat(*(moved if i == body else q[i] for i in range(self.n_bodies)))
         forces = self.elastic_forces(at)
         if points:
-            joint, drive = self._end_forces(at, ca.vertsplit(held))
+            joint, drive = self._end_forces(at, points)
             forces = ca.vertcat(*(joint if body < self.n_joints else drive))
         pull = ca.dot(self.length_jacobian(at)[:, body], self._taut(forces))
-        symbols = [at, self.parameters.symbols, held]
-        function = ca.Function("pull", symbols, [pull, ca.jacobian(pull, at)[body]])
-
-        def along(position: Scalar) -> tuple[Scalar, Scalar]:
-            moved = [position if i == body else q[i] for i in range(self.n_bodies)]
-            force, slope = function(
-                ca.vertcat(*moved), self.parameters.symbols, ca.vertcat(*(points or ()))
-            )
-            return force, slope
-
-        return along
+        slope = ca.jacobian(pull, moved)
+        return lambda position: ca.substitute([pull, slope], [moved], [ca.SX(position)])
 
     def sheath(self, tendon: int) -> Sheath | None:
         """Return the cable of a tendon as springs and points of friction; None where it has no
@@ -665,9 +636,7 @@ class Tendons(Lengths):
         forces = []
         for i in range(self.n_tendons):
             path = f"tendons.{i}"
-            stretch = self._beyond(i, elongated[i])
-            if p.has(f"{path}.stiffening"):
-                stretch = stretched(stretch, p[f"{path}.stiffening"])
+            stretch = stretched(self._beyond(i, elongated[i]), p[f"{path}.stiffening"])
             forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
         return ca.vertcat(*forces)
 
@@ -675,8 +644,7 @@ class Tendons(Lengths):
         """Return the part of an elongation that is left after slack and creep [m]."""
         p = self.parameters
         path = f"tendons.{tendon}"
-        if p.has(f"{path}.slack"):
-            elongated = elongated - p[f"{path}.slack"]
+        elongated = elongated - p[f"{path}.slack"]
         creep = self.rig.tendons[tendon].creep
         if creep is not None:
             # a creep that is not remembered is taken as settled as it is at the start

@@ -3,9 +3,7 @@
 from distal.rig.drive_range import FAR, RangeEnd, motor_range, position_range, range_ends
 from distal.rig.drives import (
     Capstan,
-    Hysteresis,
     Slider,
-    SliderHysteresis,
     effort_unit,
     position_unit,
 )
@@ -91,7 +89,6 @@ __all__ = [
     "Capstan",
     "Description",
     "Guess",
-    "Hysteresis",
     "Imported",
     "In",
     "Joint",
@@ -113,7 +110,6 @@ __all__ = [
     "Sensor",
     "Size",
     "Slider",
-    "SliderHysteresis",
     "Subsystem",
     "Tendon",
     "angle_names",

@@ -7,10 +7,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from distal.rig.joints import Stribeck
+from distal.rig.joints import STOPS, Stribeck
 from distal.rig.quantities import (
     ZERO,
     AngularDamping,
+    AngularRange,
     AnyTorque,
     Coefficient,
     Description,
@@ -19,10 +20,14 @@ from distal.rig.quantities import (
     Factor,
     In,
     Length,
+    LinearDamping,
     Load,
+    Metres,
     Name,
     NewtonMetres,
+    Newtons,
     Parameter,
+    PositiveNewtonMetres,
     PositiveNewtons,
     Radians,
     Seconds,
@@ -47,6 +52,14 @@ FOR_HOURS = Field(
     None, description="torque (slider: force) it may hold for hours; what it holds by default"
 )
 DEAD_BAND = Field(0.0, description="it stops this far from where it is sent")
+VISCOUS = Field(ZERO, description="viscous")
+USUAL_EFFORT = Field(ZERO, description="the usual effort, taken where none is measured")
+LARGEST_EFFORT = Field(
+    None, description="largest effort that a controller gets; a slider cannot push its tendons"
+)
+EFFORT_LAG = Field(
+    0.0, description="time constant with which its effort follows a controller's command"
+)
 """Fields that sliders and capstans have alike, each in its own unit."""
 
 
@@ -92,7 +105,7 @@ class SliderHysteresis(Hysteresis):
     """The same of a slider, limit = (constant + load · Σ T)(1 + slope · θ)."""
 
     constant: Load = CONSTANT
-    error: Annotated[float, In("N", "nonnegative")] = LEFT_OUT
+    error: Newtons = LEFT_OUT
 
 
 class Backlash(Description):
@@ -143,7 +156,7 @@ class Servo(Description):
     goal: str = Field(
         "", description="log column of the positions sent, in the unit of its position"
     )
-    continuous_torque: Annotated[float, In("N m", "positive")] | None = FOR_HOURS
+    continuous_torque: PositiveNewtonMetres | None = FOR_HOURS
 
     @property
     def lag(self) -> float:
@@ -158,7 +171,7 @@ class SliderServo(Servo):
 
     fastest: Annotated[float, In("m/s", "positive")] | None = None
     stiffness: Annotated[float, In("N/m", "positive")] | None = GIVES_WAY
-    dead_band: Annotated[float, In("m", "nonnegative")] = DEAD_BAND
+    dead_band: Metres = DEAD_BAND
     continuous_torque: PositiveNewtons | None = FOR_HOURS
 
 
@@ -168,24 +181,16 @@ class Slider(Description):
     kind: Literal["slider"]
     name: Name
     mass: Annotated[Parameter, In("kg", "positive")]
-    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(ZERO, description="viscous")
+    damping: LinearDamping = VISCOUS
     friction: SliderFriction = SliderFriction()
     hysteresis: SliderHysteresis | None = None
     backlash: SliderBacklash | None = None
-    stops: Annotated[tuple[float, float], In("m")] | None = Field(
-        None, description="range of motion [low, high]"
-    )
+    stops: Annotated[tuple[float, float], In("m")] | None = STOPS
     stop_stiffness: Stiffness = Parameter(value=1e5)
-    stop_damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Parameter(value=3.0)
-    nominal_force: Annotated[Parameter, In("N", drifts=False)] = Field(
-        ZERO, description="the usual effort, taken where none is measured"
-    )
-    limit: PositiveNewtons | None = Field(
-        None, description="largest effort that a controller gets; a slider cannot push its tendons"
-    )
-    lag: Seconds = Field(
-        0.0, description="time constant with which its effort follows a controller's command"
-    )
+    stop_damping: LinearDamping = Parameter(value=3.0)
+    nominal_force: Annotated[Parameter, In("N", drifts=False)] = USUAL_EFFORT
+    limit: PositiveNewtons | None = LARGEST_EFFORT
+    lag: Seconds = EFFORT_LAG
     servo: SliderServo | None = None
 
     @property
@@ -207,25 +212,17 @@ class Capstan(Description):
         description="of rotor and capstan, at the capstan"
     )
     radius: Length = Field(description="of the capstan, R")
-    damping: AngularDamping = Field(ZERO, description="viscous")
+    damping: AngularDamping = VISCOUS
     friction: CapstanFriction = CapstanFriction()
     hysteresis: Hysteresis | None = None
     backlash: Backlash | None = None
     cogging: Cogging | None = None
-    stops: Annotated[tuple[float, float], In("rad")] | None = Field(
-        None, description="range of motion [low, high]"
-    )
+    stops: AngularRange | None = STOPS
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
     stop_damping: AngularDamping = Parameter(value=0.1)
-    nominal_force: Annotated[Parameter, In("N m", drifts=False)] = Field(
-        ZERO, description="the usual effort, taken where none is measured"
-    )
-    limit: Annotated[float, In("N m", "positive")] | None = Field(
-        None, description="largest effort that a controller gets; a slider cannot push its tendons"
-    )
-    lag: Seconds = Field(
-        0.0, description="time constant with which its effort follows a controller's command"
-    )
+    nominal_force: Annotated[Parameter, In("N m", drifts=False)] = USUAL_EFFORT
+    limit: PositiveNewtonMetres | None = LARGEST_EFFORT
+    lag: Seconds = EFFORT_LAG
     servo: Servo | None = None
 
     @property

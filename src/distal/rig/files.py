@@ -11,11 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import cast
 
 from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.learned import with_arrays
 from distal.rig.overrides import parse_assignment, set_value
+from distal.rig.quantities import Raw
 from distal.rig.rig import Rig
 from distal.rig.validation import validated
 
@@ -75,7 +75,7 @@ def read_text(path: Path, error: type[DistalError]) -> str:
         raise error(f"{path}: cannot be read ({problem.strerror or problem})") from None
 
 
-def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, object]:
+def parse_toml(text: str, source: str, error: type[DistalError]) -> Raw:
     """Return the tables of a TOML text, or raise `error` naming the source, line and column."""
     try:
         return tomllib.loads(text)
@@ -183,7 +183,7 @@ class Imported:
         """Return the rig of a raw description that has guesses in it; comments say that these are
         not in the `source`.
         """
-        rig = build_rig(cast(dict[str, object], plain_number(dict(raw))), title)
+        rig = build_rig({key: plain_number(value) for key, value in raw.items()}, title)
         return Imported(
             rig,
             written(raw, source),
@@ -242,7 +242,7 @@ def written(raw: Mapping[str, object], source: str) -> str:
     return tomlkit.dumps(document)
 
 
-def _table(raw: dict[str, object], source: str) -> object:
+def _table(raw: Raw, source: str) -> object:
     import tomlkit
     import tomlkit.items
 

@@ -14,6 +14,7 @@ from distal.rig.quantities import (
     ONE,
     ZERO,
     AngularDamping,
+    AngularRange,
     AnyAngle,
     AnyRadians,
     Coefficient,
@@ -38,6 +39,9 @@ BASE = "base"
 """Name of what the first joint sits on."""
 
 Vector = tuple[float, float, float]
+
+STOPS = Field(None, description="range of motion [low, high]")
+"""Field of a joint or a drive, in its own unit."""
 
 AXES: dict[str, Vector] = {
     "x": (1.0, 0.0, 0.0),
@@ -220,9 +224,7 @@ class Joint(Description):
     extension_spring: ExtensionSpring | None = None
     gravity: Gravity | None = None
     backlash: JointBacklash | None = None
-    stops: Annotated[tuple[float, float], In("rad")] | None = Field(
-        None, description="range of motion [low, high]"
-    )
+    stops: AngularRange | None = STOPS
     stops_std: Radians = Field(
         0.0,
         description="standard deviation of both ends; a calibration against them is no better",

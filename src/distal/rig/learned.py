@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from pydantic import Field, GetCoreSchemaHandler, model_validator
-from pydantic_core import CoreSchema, core_schema
+from pydantic import ConfigDict, Field, model_validator
 
 from distal.arrays import Floats
 from distal.confidence import COVERED_TEXT
 from distal.errors import RigError
-from distal.rig.quantities import Description
+from distal.rig.quantities import Description, Raw
 from distal.units import rounded
 
 Row = tuple[float, ...]
@@ -89,13 +88,6 @@ class MapArrays:
         """Return how many numbers there are."""
         return f"<{sum(array.size for array in self.by_name.values())} numbers>"
 
-    @classmethod
-    def __get_pydantic_core_schema__(
-        cls, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        """Accept only such numbers."""
-        return core_schema.is_instance_schema(cls)
-
 
 UNLIMITED = 1e300
 """A limit that nothing reaches. Source: definition (no limit)."""
@@ -108,6 +100,8 @@ class LearnedMap(Description):
     lags, and radial functions of readings and slips, see docs/explanation/map.md. Readings are
     those of the `channels`, then, beside a filter, its angles of the `joints`.
     """
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     joints: tuple[str, ...] = Field(min_length=1, description="of `efforts` the sensors")
     channels: tuple[str, ...] = Field(min_length=1)
@@ -149,8 +143,7 @@ class LearnedMap(Description):
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Name → shape of each array: M radial functions, n features, and J joints."""
-        points = self.arrays.by_name.get("points", np.zeros((0, 0)))
-        radial = len(points)
+        radial = len(self.arrays.by_name.get("points", ()))
         inputs = self.count + len(self.moving)
         features = features_of(self.count) + radial
         joints = len(self.joints)
@@ -216,8 +209,8 @@ class LearnedMaps(Description):
     @property
     def alone(self) -> bool:
         """Whether the angles are those of readings alone, since no filter could follow the logs."""
-        shared = bool(self.readings) and all(learned.answers for learned in self.readings)
-        return shared and not self.filter
+        answers = all(learned.answers for learned in self.readings)
+        return answers and bool(self.readings) and not self.filter
 
     @property
     def pooled(self) -> tuple[LearnedMap, ...]:
@@ -240,7 +233,7 @@ def arrays_file(rig_file: str | Path) -> Path:
     return path.with_name(f"{path.stem}.map.npz")
 
 
-def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object], bytes]:
+def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[Raw, bytes]:
     """Return the table `[map]` of a rig file, and the bytes of the file beside it."""
     arrays = {
         f"{name}.{part}": array
@@ -250,7 +243,7 @@ def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object]
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
     content = stream.getvalue()
-    table: dict[str, object] = {
+    table: Raw = {
         "file": arrays_file(rig_file).name,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
@@ -264,7 +257,7 @@ def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[dict[str, object]
     return table, content
 
 
-def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> dict[str, object]:
+def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> Raw:
     """Return a raw description whose table `[map]` has its numbers, from the file that it names in
     the rig's own folder; unchanged where it has no such table.
 

@@ -49,54 +49,58 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     name or index, crossings by their joint; ``*`` stands for all of them.
     """
     keys = path.split(".")
+
+    def indices(items: Sequence[object], key: str, where: str) -> Sequence[int]:
+        """Return which items of a list a key names."""
+        if key == ALL:
+            return range(len(items))
+        index = index_of(items, key)
+        if index is None:
+            hint = did_you_mean(key, names_in(items))
+            raise error(f"--set '{path}': '{where}' has no '{key}'{hint}")
+        return [index]
+
+    def replace(parent: object, depth: int, value: object) -> None:
+        """Replace the value below the first `depth` keys, which lead to `parent`."""
+        key = keys[depth]
+        where = ".".join(keys[:depth])
+        is_last = depth + 1 == len(keys)
+        if key == ALL and (not isinstance(parent, (list, tuple)) or not parent):
+            raise error(
+                f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand "
+                "for"
+            )
+        if isinstance(parent, (list, tuple)):
+            if is_last and isinstance(parent, tuple):
+                raise error(f"--set '{path}': set the whole of '{where}' instead")
+            for index in indices(parent, key, where):
+                # a table is changed in place: each item gets one of its own
+                copied = deepcopy(value) if key == ALL else value
+                if not is_last:
+                    replace(parent[index], depth + 1, copied)
+                elif isinstance(parent, list):
+                    parent[index] = _merged(parent[index], copied)
+        elif not isinstance(parent, MutableMapping):
+            raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
+        elif is_last:
+            parent[key] = _merged(parent.get(key), value)
+        else:
+            part = parent.get(key)
+            if isinstance(part, tuple) and part and isinstance(part[0], MutableMapping):
+                parent[key] = list(part)
+            elif isinstance(part, (int, float, str)):
+                # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the number becomes a table
+                parent[key] = {"value": part}
+            elif part is None and keys[depth + 1] != ALL:
+                parent[key] = {}
+            replace(parent.get(key), depth + 1, value)
+
     try:
-        _replace(raw, keys, 0, path, value, error)
+        replace(raw, 0, value)
     except RecursionError:
         raise error(
             f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has so many"
         ) from None
-
-
-def _replace(
-    parent: object,
-    keys: Sequence[str],
-    depth: int,
-    path: str,
-    value: object,
-    error: type[DistalError],
-) -> None:
-    """Replace the value below the first `depth` keys of a path, which lead to `parent`."""
-    key = keys[depth]
-    where = ".".join(keys[:depth])
-    is_last = depth + 1 == len(keys)
-    if key == ALL and (not isinstance(parent, (list, tuple)) or not parent):
-        raise error(
-            f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand for"
-        )
-    if isinstance(parent, (list, tuple)):
-        if is_last and isinstance(parent, tuple):
-            raise error(f"--set '{path}': set the whole of '{where}' instead")
-        for index in _indices(parent, key, where, path, error):
-            # a table is changed in place: each item gets one of its own
-            copied = deepcopy(value) if key == ALL else value
-            if not is_last:
-                _replace(parent[index], keys, depth + 1, path, copied, error)
-            elif isinstance(parent, list):
-                parent[index] = _merged(parent[index], copied)
-    elif not isinstance(parent, MutableMapping):
-        raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
-    elif is_last:
-        parent[key] = _merged(parent.get(key), value)
-    else:
-        part = parent.get(key)
-        if isinstance(part, tuple) and part and isinstance(part[0], MutableMapping):
-            parent[key] = list(part)
-        elif isinstance(part, (int, float, str)):
-            # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the bare number becomes a table
-            parent[key] = {"value": part}
-        elif part is None and keys[depth + 1] != ALL:
-            parent[key] = {}
-        _replace(parent.get(key), keys, depth + 1, path, value, error)
 
 
 def _merged(old: object, new: object) -> object:
@@ -111,15 +115,3 @@ def _merged(old: object, new: object) -> object:
         old["value"] = new
         return old
     return new
-
-
-def _indices(
-    items: Sequence[object], key: str, where: str, path: str, error: type[DistalError]
-) -> Sequence[int]:
-    """Return which items of a list a key names."""
-    if key == ALL:
-        return range(len(items))
-    index = index_of(items, key)
-    if index is None:
-        raise error(f"--set '{path}': '{where}' has no '{key}'{did_you_mean(key, names_in(items))}")
-    return [index]

@@ -62,10 +62,10 @@ class Number:
     std: float
     quantity: In
     is_parameter: bool
-    hold: bool = False
-    shared: tuple[str, float] | None = None
-    independent_std: float = 0.0
-    drift: float | None = None
+    hold: bool
+    shared: tuple[str, float] | None
+    independent_std: float
+    drift: float | None
 
     @property
     def is_rough(self) -> bool:
@@ -96,23 +96,27 @@ def number(rig: Rig, path: str) -> Number:
             part = part[index]
             key = str(index)
         else:
-            known = names_in(part) if isinstance(part, tuple) else fields
-            raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, known)}")
+            allowed = names_in(part) if isinstance(part, tuple) else fields
+            raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, allowed)}")
         keys.append(key)
     if quantity is None or not isinstance(part, (Parameter, int, float)):
         raise RigError(
             f"'{path}' is not a number with a unit; give the path of one, e.g. "
             f"joints.{rig.joints[0].name}.inertia"
         )
-    if isinstance(part, Parameter):
-        shared = (
-            (part.shared.name, part.shared.std)
-            if part.shared is not None and part.shared.std > 0.0
-            else None
-        )
-        errors = part.hold, shared, part.std, part.drift
-        return Number(".".join(keys), part.value, part.total_std, quantity, True, *errors)
-    return Number(".".join(keys), float(part), 0.0, quantity, False)
+    known = part if isinstance(part, Parameter) else Parameter(value=part)
+    shared = known.shared
+    return Number(
+        ".".join(keys),
+        known.value,
+        known.total_std,
+        quantity,
+        known is part,
+        known.hold,
+        (shared.name, shared.std) if shared is not None and shared.std > 0.0 else None,
+        known.std,
+        known.drift,
+    )
 
 
 SETTLED_BY = {
@@ -148,9 +152,8 @@ def check_scales(rig: Rig, purpose: str, needs: Literal["tension", "torque"]) ->
     """
     if rig.map is not None and rig.map.alone:
         raise CommandError(
-            f"{purpose} needs a filter that follows the rig, and that of '{rig.name}' could not "
-            "follow the logs of its fit, which taught a map on readings alone. Fit again to other "
-            "logs, or from a rig file with better values"
+            f"{purpose} needs a filter, and that of '{rig.name}' could not follow the logs of its "
+            "fit. Fit again to other logs, or from a rig file with better values"
         )
     needed = ("force", "length") if needs == "tension" else ("force",)
     lacking = [scale for scale in needed if scale in rig.taken]
@@ -178,13 +181,7 @@ SI unit."""
 def doubts(rig: Rig) -> list[str]:
     """Return a sentence for each value of a rig that is allowed but is probably a mistake."""
     sentences = []
-    parameters = [
-        each
-        for kind, components in rig.components.items()
-        for component in components
-        for each in parameters_below(component, f"{kind}.{component.name}")
-    ]
-    for path, parameter in parameters:
+    for path, parameter in parameters_below(rig):
         size = abs(parameter.value)
         low, high, unit = USUAL.get(path.rpartition(".")[2], (0.0, inf, ""))
         is_usual = size == 0.0 or low <= size <= high

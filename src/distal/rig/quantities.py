@@ -4,7 +4,7 @@ interval.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
 from typing import Annotated, Literal
@@ -25,6 +25,9 @@ LARGEST = 1e12
 
 KEYS = ("value", "std", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
+
+Raw = dict[str, object]
+"""A part of a description as a file has it, not yet checked."""
 
 Bound = Literal["any", "nonnegative", "positive"]
 
@@ -135,21 +138,22 @@ class In:
         return spread
 
     def _vector(self, raw: object) -> object:
-        if not isinstance(raw, (list, tuple)) or len(raw) != 3:
-            raise UnitError(f"must be three numbers [x, y, z], {raw!r} came")
-        return tuple(self._scalar(part) for part in raw)
+        return tuple(self._scalar(part) for part in _listed(raw, 3, "three numbers [x, y, z]"))
 
     def _interval(self, raw: object) -> object:
-        if not isinstance(raw, (list, tuple)) or len(raw) != 2:
-            raise UnitError(f"must be two numbers [low, high], {raw!r} came")
-        low = to_si(raw[0], self.si)
-        high = to_si(raw[1], self.si)
+        low, high = (to_si(end, self.si) for end in _listed(raw, 2, "two numbers [low, high]"))
         if not low < high:
             raise UnitError(
                 f"is the wrong way round: low ({low:g} {self.si}) must be below high ({high:g} "
                 f"{self.si})"
             )
         return low, high
+
+
+def _listed(raw: object, count: int, form: str) -> Sequence[object]:
+    if not isinstance(raw, (list, tuple)) or len(raw) != count:
+        raise UnitError(f"must be {form}, {raw!r} came")
+    return raw
 
 
 class Shared(Description):
@@ -217,14 +221,20 @@ Turn = Annotated[Parameter, In("rad", "nonnegative")]
 AnyAngle = Annotated[Parameter, In("rad")]
 FixedAngle = Annotated[Parameter, In("rad", drifts=False)]
 AngularDamping = Annotated[Parameter, In("N m s/rad", "nonnegative")]
+LinearDamping = Annotated[Parameter, In("kg/s", "nonnegative")]
 Stiffness = Annotated[Parameter, In("N/m", "positive")]
 TorqueSize = Annotated[Parameter, In("N m", "nonnegative")]
 AnyTorque = Annotated[Parameter, In("N m")]
+Rate = Annotated[float, In("Hz", within=(1e-3, 1e6))]
+AngularRange = Annotated[tuple[float, float], In("rad")]
 Seconds = Annotated[float, In("s", "nonnegative")]
 Duration = Annotated[float, In("s", "positive")]
 Radians = Annotated[float, In("rad", "nonnegative")]
 RadiansPerSecond = Annotated[float, In("rad/s", "nonnegative")]
 AnyRadians = Annotated[float, In("rad")]
+Metres = Annotated[float, In("m", "nonnegative")]
+Newtons = Annotated[float, In("N", "nonnegative")]
+PositiveNewtonMetres = Annotated[float, In("N m", "positive")]
 PositiveNewtons = Annotated[float, In("N", "positive")]
 TorqueConstant = Annotated[float, In("N m/A", "positive")]
 NewtonMetres = Annotated[float, In("N m", "nonnegative")]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -22,7 +22,7 @@ from distal.rig.drives import Drive
 from distal.rig.joints import BASE, Base, Joint
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.overrides import set_value
-from distal.rig.quantities import Description, Duration, In, Parameter
+from distal.rig.quantities import Description, Duration, Parameter, Rate
 from distal.rig.sensors import MEASURED, Sensor, in_its_unit, log_factor, measurand_of
 from distal.rig.tendons import Tendon
 from distal.rig.validation import named, validated
@@ -46,9 +46,7 @@ class TimeColumn(Description):
         description='"first" or "last" of rows with one stamp is kept, or they are "spread" evenly '
         'up to the next stamp, or such a log is "refused"',
     )
-    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] | None = Field(
-        None, description="of the rows, where no column holds their time"
-    )
+    rate: Rate | None = Field(None, description="of the rows, where no column holds their time")
 
 
 class LogFormat(Description):
@@ -211,12 +209,10 @@ class Rig(Description):
         _share_alike(self)
         _plays_apart(self)
         for i, joint in enumerate(self.joints):
-            friction = joint.friction
-            if friction is None or (
-                friction.exponent.value == 1.0 and friction.exponent.filter_std == 0.0
-            ):
+            if joint.friction is None or self.reference_load(i) > 0.0:
                 continue
-            if self.reference_load(i) <= 0.0:
+            exponent = joint.friction.exponent
+            if (exponent.value, exponent.filter_std) != (1.0, 0.0):
                 raise ValueError(
                     f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' "
                     "load "
@@ -255,18 +251,17 @@ class Rig(Description):
         name = self.joints[joint].parent
         if name is None:
             return joint - 1 if joint > 0 else None
-        return None if name == BASE else [parent.name for parent in self.joints].index(name)
+        return None if name == BASE else self.joint_names.index(name)
 
     def sharing(self) -> dict[str, dict[str, float]]:
         """Return the shared errors, name → path of each parameter that has it → its std as a share
         of the value.
         """
         stds: dict[str, dict[str, float]] = {}
-        for kind in ("joints", "drives", "tendons"):
-            for i, part in enumerate(self.components[kind]):
-                for path, parameter in parameters_below(part, f"{kind}.{i}"):
-                    if parameter.shared is not None and parameter.shared.std > 0.0:
-                        stds.setdefault(parameter.shared.name, {})[path] = parameter.shared.std
+        for path, parameter in parameters_below(self):
+            shared = parameter.shared
+            if shared is not None and shared.std > 0.0 and not path.startswith("sensors."):
+                stds.setdefault(shared.name, {})[path] = shared.std
         return stds
 
     def __repr__(self) -> str:
@@ -443,18 +438,13 @@ def _plays_apart(rig: Rig) -> None:
             )
 
 
-def parameters_below(part: Description, path: str) -> Iterator[tuple[str, Parameter]]:
-    """Yield the parameters below a part, with their paths."""
-    for name in type(part).model_fields:
-        field = getattr(part, name)
-        if isinstance(field, Parameter):
-            yield f"{path}.{name}", field
-        elif isinstance(field, Description):
-            yield from parameters_below(field, f"{path}.{name}")
-        elif isinstance(field, tuple):
-            for i, member in enumerate(field):
-                if isinstance(member, Description):
-                    yield from parameters_below(member, f"{path}.{name}.{i}")
+def parameters_below(part: object, path: str = "") -> Iterator[tuple[str, Parameter]]:
+    """Yield the parameters below a part, with their paths; the `path` of a whole rig is empty."""
+    if isinstance(part, Parameter):
+        yield path, part
+    elif isinstance(part, (Description, tuple)):
+        for key, member in enumerate(part) if isinstance(part, tuple) else part:
+            yield from parameters_below(member, f"{path}.{key}" if path else str(key))
 
 
 ALONE = 0.1
@@ -585,24 +575,25 @@ def _joints_of(rig: Rig, path: str) -> list[str]:
 
 
 def _part(rig: Rig, names: list[str]) -> Subsystem:
-    alone = {"joints": set(names)}
     pulling = [tendon for tendon in rig.tendons if tendon.joints[0] in names]
-    alone["tendons"] = {tendon.name for tendon in pulling}
-    alone["drives"] = {tendon.drive for tendon in pulling}
+    alone = {
+        "joints": names,
+        "drives": [tendon.drive for tendon in pulling],
+        "tendons": [tendon.name for tendon in pulling],
+    }
     chosen = {
-        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in alone[kind])
-        for kind in ("joints", "drives", "tendons")
+        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own)
+        for kind, own in alone.items()
     }
     chosen["sensors"] = tuple(
         i for i, sensor in enumerate(rig.sensors) if sensor.of in alone[measurand_of(sensor).of]
     )
-    joints = chosen["joints"]
-    parents = (rig.parent_of(j) for j in joints)
-    names_of_parents = (BASE if parent is None else rig.joints[parent].name for parent in parents)
-    parts = {
+    parts: dict[str, object] = {
         kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }
+    parents = {j: rig.parent_of(j) for j in chosen["joints"]}
     parts["joints"] = tuple(
-        rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)
+        rig.joints[j].model_copy(update={"parent": BASE if on is None else rig.joint_names[on]})
+        for j, on in parents.items()
     )
     return Subsystem(rig.model_copy(update={**parts, "map": None}), chosen)

@@ -32,10 +32,13 @@ from distal.rig.quantities import (
     Description,
     Factor,
     In,
+    Metres,
     Name,
     NewtonMetres,
+    Newtons,
     Parameter,
     Radians,
+    Rate,
     Seconds,
     TorqueConstant,
 )
@@ -47,46 +50,18 @@ COUNTS = frozenset({"count", "counts", "cnt", "inc", "pulses", "qc", "tick", "ti
 
 
 NOISE = Field(0.0, description="standard deviation of the random error")
+SMOOTH = Field(0.0, description="largest deviation of a smooth systematic error")
 STEP = Field(0.0, description="quantisation step; of an encoder before its gear")
 OFFSET = Field(ZERO, description="offset; it walks where it has a drift")
 """Fields of the errors that all kinds of sensors have, each in its own unit."""
 
+GEAR = Field(
+    1.0, description="turns of the motor's (or encoder's) shaft for one turn of what is measured"
+)
+"""Field of sensors that may be behind a gear."""
+
 ERRORS = ("noise", "linearity", "resolution", "bias")
 """Keys of the errors of a sensor, which may be written in the unit of the log."""
-
-
-def errors_in_si(
-    raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]
-) -> object:
-    """Return a raw sensor with its errors in SI, where they are text in the unit in which its log
-    counts.
-
-    Args:
-        counting: returns this unit and its size in SI, or None where the log does not count.
-    """
-    try:
-        scale = counting(raw)
-        gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
-    except (UnitError, ZeroDivisionError):
-        # the wrong field is refused later; until then the unit of the errors is not known
-        return {key: value for key, value in raw.items() if key not in ERRORS}
-    if scale is None:
-        return raw
-    unit, unit_size = scale
-    if unit == "count" and raw.get("unit") in COUNTS and "resolution" not in raw:
-        raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
-
-    def converted(error: object, size: float) -> object:
-        if isinstance(error, Mapping):
-            spreads = ("value", "std", "drift")
-            return {
-                key: converted(part, size) if key in spreads else part
-                for key, part in error.items()
-            }
-        return _of_text(error, unit, size) if isinstance(error, str) else error
-
-    sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
-    return {**raw, **{key: converted(raw[key], size) for key, size in sizes.items() if key in raw}}
 
 
 def _of_text(text: str, unit: str, size: float) -> object:
@@ -120,7 +95,7 @@ class SensorBase(Description):
     )
     unit: str | None = Field(None, min_length=1, description="in the log; SI by default")
     sign: Literal[1, -1] = Field(1, description="−1 where the log counts the other way")
-    rate: Annotated[float, In("Hz", within=(1e-3, 1e6))] = 100.0
+    rate: Rate = 100.0
     delay: Seconds = Field(0.0, description="age of a reading when it is stamped")
 
     lag: Seconds = Field(
@@ -132,7 +107,33 @@ class SensorBase(Description):
     @classmethod
     def _errors_as_logged(cls, raw: object) -> object:
         """Turn errors that are written as the log counts, in counts or amperes, into SI."""
-        return errors_in_si(raw, cls._counting) if isinstance(raw, Mapping) else raw
+        if not isinstance(raw, Mapping):
+            return raw
+        try:
+            scale = cls._counting(raw)
+            is_counted = scale is not None and scale[0] == "count"
+            gear = to_si(raw.get("gear", 1.0), "") if is_counted else 1.0
+        except (UnitError, ZeroDivisionError):
+            # the wrong field is refused later; until then the unit of the errors is not known
+            return {key: value for key, value in raw.items() if key not in ERRORS}
+        if scale is None:
+            return raw
+        unit, unit_size = scale
+        if is_counted and raw.get("unit") in COUNTS and "resolution" not in raw:
+            raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
+
+        def converted(error: object, size: float) -> object:
+            if isinstance(error, Mapping):
+                spreads = ("value", "std", "drift")
+                return {
+                    key: converted(part, size) if key in spreads else part
+                    for key, part in error.items()
+                }
+            return _of_text(error, unit, size) if isinstance(error, str) else error
+
+        sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
+        errors = {key: converted(raw[key], size) for key, size in sizes.items() if key in raw}
+        return {**raw, **errors}
 
     @classmethod
     def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
@@ -145,9 +146,8 @@ class SensorBase(Description):
     def _unit(self) -> Self:
         if self.unit in COUNTS and getattr(self, "counts_per_turn", None) is None:
             raise ValueError(
-                "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for "
-                "others give the unit of "
-                "the number in the log"
+                "unit: 'count' needs 'counts_per_turn' of an angle's encoder; for others give the "
+                "unit of the number in the log"
             )
         return self
 
@@ -231,8 +231,8 @@ class Measurand:
         role: what estimators do with its readings.
         unit: SI unit of a sensor's readings and errors.
         read: (sensor, motion, index of its part) → what it reads without errors [SI].
-        travel: (sensor, rig, index of its part) → the lowest and the highest value that it measures
-            [SI], between which its linearity error is defined.
+        travel: (rig, index of its part) → the lowest and the highest value that it measures [SI],
+            between which its linearity error is defined.
         unit_of_capstan: the same of a capstan, where it is another one.
     """
 
@@ -241,12 +241,8 @@ class Measurand:
     role: Role
     unit: str
     read: Callable[[SensorBase, Motion, int], Scalar]
-    travel: Callable[[SensorBase, Parts, int], tuple[float, float]]
+    travel: Callable[[Parts, int], tuple[float, float]]
     unit_of_capstan: str = ""
-
-
-Metres = Annotated[float, In("m", "nonnegative")]
-OVER_TRAVEL = Field(0.0, description="largest deviation of a smooth systematic error")
 
 
 class LengthSensor(SensorBase):
@@ -254,7 +250,7 @@ class LengthSensor(SensorBase):
 
     si: Literal["m"]
     noise: Metres = NOISE
-    linearity: Metres = OVER_TRAVEL
+    linearity: Metres = SMOOTH
     resolution: Metres = STEP
     bias: Annotated[Parameter, In("m", drifts=False)] = OFFSET
 
@@ -267,16 +263,10 @@ class AngleSensor(SensorBase):
         None,
         description='after quadrature, of the encoder\'s own shaft; with unit = "count"',
     )
-    gear: Factor = Field(
-        1.0,
-        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
-    )
+    gear: Factor = GEAR
     noise: Radians = NOISE
-    linearity: Radians = OVER_TRAVEL
-    resolution: Radians = Field(
-        0.0,
-        description="quantisation step; of an encoder before its gear",
-    )
+    linearity: Radians = SMOOTH
+    resolution: Radians = STEP
     bias: AnyAngle = OFFSET
 
     @classmethod
@@ -324,19 +314,13 @@ def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     return low, high
 
 
-def _position(sensor: SensorBase, motion: Motion, part: int) -> Scalar:
-    """Return the position of the drive, or the command that it follows."""
-    ahead = sensor.lag * motion.rates[part] if sensor.lag > 0.0 else 0.0
-    return motion.positions[part] + ahead
-
-
 POSITION = Measurand(
     "position",
     "drives",
     Role.POSITION,
     "m",
-    _position,
-    lambda sensor, rig, part: drive_travel(rig, part),
+    lambda sensor, motion, part: motion.positions[part] + sensor.lag * motion.rates[part],
+    drive_travel,
     "rad",
 )
 """The position of a drive: s of a slider [m], φ of a capstan [rad]. A sensor with a `lag` is a
@@ -349,13 +333,11 @@ ANGLE = Measurand(
     Role.REFERENCE,
     "rad",
     lambda sensor, motion, part: motion.angles[part],
-    lambda sensor, rig, part: rig.joints[part].travel,
+    lambda rig, part: rig.joints[part].travel,
 )
 """The angle θ of a joint [rad], within the range that it turns in."""
 
 
-OVER_RANGE = Field(0.0, description="largest deviation of a smooth systematic error")
-Newtons = Annotated[float, In("N", "nonnegative")]
 Gain = Annotated[
     Parameter,
     In("", "positive", drifts=False),
@@ -368,7 +350,7 @@ class ForceSensor(SensorBase):
 
     si: Literal["N"]
     noise: Newtons = NOISE
-    linearity: Newtons = OVER_RANGE
+    linearity: Newtons = SMOOTH
     resolution: Newtons = STEP
     bias: Annotated[Parameter, In("N")] = OFFSET
     gain: Gain = ONE
@@ -387,16 +369,13 @@ class TorqueSensor(SensorBase):
     torque_constant_motor: TorqueConstant | None = Field(
         None, description="K_t of the motor; the capstan's is `gear` times it"
     )
-    gear: Factor = Field(
-        1.0,
-        description="turns of the motor's (or encoder's) shaft for one turn of what is measured",
-    )
+    gear: Factor = GEAR
     lever: Annotated[float, In("m", "positive")] | None = Field(
         None,
         description="of a load cell, where the log holds a force",
     )
     noise: NewtonMetres = NOISE
-    linearity: NewtonMetres = OVER_RANGE
+    linearity: NewtonMetres = SMOOTH
     resolution: NewtonMetres = STEP
     bias: AnyTorque = OFFSET
     gain: Gain = ONE
@@ -457,7 +436,7 @@ def largest_effort(rig: Parts, drive: int) -> float:
     return 2.0 * max(abs(part.nominal_force.value), part.lever * pretension)
 
 
-def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+def _effort_travel(rig: Parts, part: int) -> tuple[float, float]:
     """Return the range of likely efforts: from 0 to `largest_effort` of a slider, the same to both
     sides of a capstan.
     """
@@ -465,7 +444,7 @@ def _effort_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, fl
     return (-largest, largest) if rig.drives[part].kind == "capstan" else (0.0, largest)
 
 
-def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+def _tension_travel(rig: Parts, part: int) -> tuple[float, float]:
     """Return the range from slack, 0, to the largest force with which the drive is likely to pull
     [N].
     """
@@ -473,7 +452,7 @@ def _tension_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, f
     return 0.0, largest_effort(rig, drive) / rig.drives[drive].lever
 
 
-def _torque_travel(sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
+def _torque_travel(rig: Parts, part: int) -> tuple[float, float]:
     """Return the band of the external torque by the rig."""
     largest = BAND * rig.joints[part].external_torque.std
     return -largest, largest
@@ -608,7 +587,7 @@ def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
     """Return the lowest and the highest value that a sensor measures [SI], between which its
     linearity error is defined.
     """
-    return measurand_of(sensor).travel(sensor, rig, part_of(sensor, rig))
+    return measurand_of(sensor).travel(rig, part_of(sensor, rig))
 
 
 def gain_of(sensor: Sensor) -> Parameter:
@@ -631,21 +610,15 @@ def log_factor(sensor: Sensor) -> float:
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
     """
-    if isinstance(sensor, TorqueSensor):
-        unit, torque = sensor.logged
-        try:
-            return torque * unit_factor(sensor.unit or unit, unit)
-        except UnitError as problem:
-            needs = (
-                "; a load cell in N needs its lever, a current a torque_constant"
-                if unit == sensor.si
-                else ""
-            )
-            raise UnitError(f"{problem}{needs}") from None
-    gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
-    if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
-        return 2 * pi / (sensor.counts_per_turn * gear)
-    return unit_factor(sensor.unit or sensor.si, sensor.si) / gear
+    if isinstance(sensor, AngleSensor):
+        counted = sensor._counting(vars(sensor))
+        return counted[1] if counted else unit_factor(sensor.unit or "rad", "rad") / sensor.gear
+    unit, size = sensor.logged if isinstance(sensor, TorqueSensor) else (sensor.si, 1.0)
+    try:
+        return size * unit_factor(sensor.unit or unit, unit)
+    except UnitError as problem:
+        needs = "; a load cell in N needs its lever, a current a torque_constant"
+        raise UnitError(f"{problem}{needs if unit == 'N m' else ''}") from None
 
 
 def angle_unit(sensors: Sequence[Sensor]) -> str:

@@ -7,6 +7,7 @@ Tendons and how they are fixed to the joint.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
 
@@ -16,24 +17,21 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import (
     ONE,
     ZERO,
+    AngularRange,
+    Coefficient,
     Description,
     FixedAngle,
     In,
     Length,
+    Load,
+    Name,
     Parameter,
+    Stiffness,
+    Turn,
 )
 
 if TYPE_CHECKING:
     from distal.expressions import Scalar
-from dataclasses import dataclass
-
-from distal.rig.quantities import (
-    Coefficient,
-    Load,
-    Name,
-    Stiffness,
-    Turn,
-)
 
 Size: TypeAlias = "Callable[[str], Scalar]"
 """Name of one of an insertion's numbers → its symbol or value.
@@ -237,7 +235,7 @@ class Polynomial(Description):
     kind: Literal["polynomial"]
     joints: tuple[str, ...] = Field(min_length=1)
     terms: tuple[Term, ...] = Field(min_length=1)
-    range: tuple[Annotated[tuple[float, float], In("rad")], ...] = Field(
+    range: tuple[AngularRange, ...] = Field(
         min_length=1, description="[low, high] of each joint where it holds"
     )
     scale: Annotated[Parameter, In("", "positive")] = Field(

@@ -59,27 +59,25 @@ KINDS = ("joints", "drives", "tendons", "sensors")
 """Lists of a rig whose items have names."""
 
 
-def name_in(items: Sequence[object], index: int) -> str | None:
-    """Return the name that a path uses for an item of a list, of a crossing the name of its joint;
-    None where the item has none or shares it with another.
-    """
-    names = [_get(item, "name") or _get(item, "joint") for item in items]
-    name = names[index] if index < len(names) else None
-    return name if isinstance(name, str) and names.count(name) == 1 else None
-
-
 def index_of(items: Sequence[object], key: str) -> int | None:
     """Return the index of the item that a path names by its index or its name; None where there is
     none.
     """
     if key.isascii() and key.isdigit() and len(key) < 10:
         return int(key) if int(key) < len(items) else None
-    return next((i for i in range(len(items)) if name_in(items, i) == key), None)
+    names = names_in(items)
+    return names.index(key) if key in names else None
 
 
 def names_in(items: Sequence[object]) -> list[str]:
-    """Return how a path calls the items of a list: by name where they have one, else by index."""
-    return [name_in(items, i) or str(i) for i in range(len(items))]
+    """Return how a path calls the items of a list: by name (of a crossing that of its joint) where
+    they have one of their own, else by index.
+    """
+    names = [_get(item, "name") or _get(item, "joint") for item in items]
+    return [
+        name if isinstance(name, str) and names.count(name) == 1 else str(i)
+        for i, name in enumerate(names)
+    ]
 
 
 def named(root: object, path: str) -> str:
@@ -102,12 +100,11 @@ def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
     for key in path.split("."):
         if isinstance(part, (list, tuple)):
             index = index_of(part, key)
-            name = None if index is None else name_in(part, index)
+            key = key if index is None else names_in(part)[index]
             part = None if index is None else part[index]
-            yield name or key, part
         else:
             part = _get(part, key)
-            yield key, part
+        yield key, part
 
 
 def in_words(root: object, *paths: str) -> str:
@@ -239,8 +236,6 @@ def _finding(finding: ErrorDetails) -> str:
         # a list's own check starts with the index and key that it refuses
         joint = "." if re.match(r"\d+(\.\w+)?: ", text) else ": "
         return f"{path}{joint}{text}" if path else text
-    if kind == "literal_error":
-        return f"{path}: must be {context['expected']}, {shown} came"
     if kind == "union_tag_invalid":
         key = str(context["discriminator"]).strip("'")
         return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
@@ -248,6 +243,7 @@ def _finding(finding: ErrorDetails) -> str:
         return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
     if kind in WORDED:
         return f"{path}: {WORDED[kind]}"
-    if kind in NEEDED:
-        return f"{path}: must be {NEEDED[kind]}, {shown} came"
+    needed = context["expected"] if kind == "literal_error" else NEEDED.get(kind)
+    if needed:
+        return f"{path}: must be {needed}, {shown} came"
     return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {shown} came"

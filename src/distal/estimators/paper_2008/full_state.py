@@ -26,7 +26,6 @@ from distal.expressions import Matrix, MatrixNode, Vector
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, kick_and_drift, responses, substeps
-from distal.model.stepping import last_kick
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensor_errors import variance
 
@@ -136,7 +135,7 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     closing = _step(
         "last_kick",
         mechanism,
-        _linearised("half_kick", mechanism, inputs, last_kick(mechanism, kick)),
+        _linearised("half_kick", mechanism, inputs, kick_and_drift(mechanism, kick, last=True)[1]),
         False,
     )
     prepared = ca.Function(

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from collections.abc import Mapping
 from math import radians
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -15,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from distal.errors import RigError
 from distal.rig.files import Imported, read_text
 from distal.rig.hand_tables.rig_of_table import ASSUMED, Row, hand_of
+from distal.rig.quantities import Raw
 from distal.rig.validation import validated
 
 REVISED = 21
@@ -92,7 +91,8 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
         low, high = (radians(end) for end in hand.joint_roms[joint])
         motor = abs(signed)
         direction = 1 if signed > 0 else -1
-        of_config: dict[str, object] = {}
+        raw: Raw = {"joint": joint, "motor": str(motor), "direction": direction}
+        raw |= {"low": low, "high": high}
         travel = radians(travels[joint]) if joint in travels else None
         if motor in limits:
             ends = limits[motor]
@@ -104,18 +104,15 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
                     f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to "
                     "50 is possible: are joint_roms, which are degrees, in radians?"
                 )
-            of_config = {
+            raw |= {
                 "ratio_std": ASSUMED.travel_share_std,
                 "spool_radius": ASSUMED.radius / ratio,
                 "joint_radius": ASSUMED.radius,
             }
             if motor in limits:
-                of_config["zero"] = sum(ends) / 2 - direction * ratio * (low + high) / 2
-                of_config["zero_std"] = ASSUMED.calibrated_zero_std
-        raw = {"joint": joint, "motor": str(motor), "direction": direction, "low": low}
-        rows.append(
-            validated(Row, {**raw, "high": high, **of_config}, f"{path}: {joint}", RigError)
-        )
+                raw["zero"] = sum(ends) / 2 - direction * ratio * (low + high) / 2
+                raw["zero_std"] = ASSUMED.calibrated_zero_std
+        rows.append(validated(Row, raw, f"{path}: {joint}", RigError))
     if not travels and not limits:
         notes.append(
             "no ratio of motors to joints: give calibration.yaml too, or run the power-on routine"
@@ -150,8 +147,7 @@ def _limits(path: Path) -> dict[int, tuple[float, float]]:
     hand = _read(_Calibration, path)
     if not hand.calibrated:
         raise RigError(
-            f"{path}: says 'calibrated: false', so that its limits are not those of this hand; "
-            "calibrate the hand, or leave this file out"
+            f"{path}: says 'calibrated: false'; calibrate the hand, or leave this file out"
         )
     return {
         motor: (low, high)
@@ -162,7 +158,10 @@ def _limits(path: Path) -> dict[int, tuple[float, float]]:
 
 def _read(kind: type[Read], path: Path) -> Read:
     """Return what a file of orca_core says."""
-    yaml = _yaml()
+    try:
+        yaml = importlib.import_module("yaml")
+    except ImportError:
+        raise RigError("YAML files need an extra: pip install 'distal[hands]'") from None
     try:
         found = yaml.safe_load(read_text(path, RigError))
     except (yaml.YAMLError, RecursionError, ValueError) as problem:
@@ -170,10 +169,3 @@ def _read(kind: type[Read], path: Path) -> Read:
     if not isinstance(found, Mapping):
         raise RigError(f"{path}: is no configuration of a hand: names and values are expected")
     return validated(kind, found, f"{path}, read as a file of orca_core", RigError)
-
-
-def _yaml() -> ModuleType:
-    try:
-        return importlib.import_module("yaml")
-    except ImportError:
-        raise RigError("YAML files need an extra: pip install 'distal[hands]'") from None

@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import degrees, inf, pi, radians
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -17,7 +16,7 @@ from pydantic import BeforeValidator, model_validator
 
 from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.files import Guess, Imported, name_of, read_text
-from distal.rig.quantities import AnyRadians, Description, In, Radians, TorqueConstant
+from distal.rig.quantities import AnyRadians, Description, In, Radians, Raw, TorqueConstant
 from distal.rig.validation import validated
 from distal.units import to_si
 
@@ -147,7 +146,7 @@ def _header(path: Path, cells: list[str]) -> dict[str, str | None]:
 
 def _row(source: str, units: dict[str, str | None], cells: list[str]) -> Row:
     """Return a line as a row; the `source` begins messages."""
-    raw: dict[str, object] = {}
+    raw: Raw = {}
     for (name, unit), cell in zip(units.items(), cells):
         text = cell.strip()
         is_bare = re.fullmatch(r"[-+.\deE]+", text) is not None
@@ -163,20 +162,17 @@ def _row(source: str, units: dict[str, str | None], cells: list[str]) -> Row:
     return validated(Row, raw, source, RigError)
 
 
-Raw = dict[str, object]
-
 NARROWEST = radians(7.0)
 """Some joint of a hand has a wider range than this [rad]; if none has, radians were read as
 degrees, since a whole turn of 2π would be 6.3°. Source: definition (a whole turn in radians).
 """
 
 
-@dataclass(frozen=True)
-class AssumedOfHands:
+class ASSUMED:
     """Values for what a table of a hand does not say, with wide stds; they suit small hands with
     braided lines.
 
-    Args:
+    Attributes:
         radius: at which a tendon passes a joint, and that of a spool [m].
         ratio_std: std of a ratio of radii that a drawing or a table gives, each of them to 2 %, as
             a share.
@@ -194,76 +190,56 @@ class AssumedOfHands:
         counts: of an encoder in one turn; where a log is not in counts, they give its resolution.
     """
 
-    radius: float = 8e-3
-    ratio_std: float = 0.03
-    unknown_ratio_std: float = 0.25
-    stiffness_std: float = 0.6
-    zero_std: float = radians(5.0)
-    unknown_zero_std: float = radians(60.0)
-    calibrated_zero_std: float = radians(4.0)
-    travel_share: float = 0.92
-    travel_share_std: float = 0.06
-    spring_below: float = radians(18.0)
-    inertia: Guess = Guess("1e-5 kg m^2", "inertia of joints")
-    damping: Guess = Guess("1e-3 N m s", "damping of joints")
-    joint_friction: Guess = Guess(
+    radius = 8e-3
+    ratio_std = 0.03
+    unknown_ratio_std = 0.25
+    stiffness_std = 0.6
+    zero_std = radians(5.0)
+    unknown_zero_std = radians(60.0)
+    calibrated_zero_std = radians(4.0)
+    travel_share = 0.92
+    travel_share_std = 0.06
+    spring_below = radians(18.0)
+    inertia = Guess("1e-5 kg m^2", "inertia of joints")
+    damping = Guess("1e-3 N m s", "damping of joints")
+    joint_friction = Guess(
         {"coefficient": {"value": 0.1, "std": 0.05}, "radius": "3 mm", "preload": "30 N"},
         "friction of joints",
     )
-    range_std: Guess = Guess("1 deg", "how well ranges are known")
-    motor_inertia: Guess = Guess("2e-4 kg m^2", "inertia of motors")
-    motor_damping: Guess = Guess("1e-3 N m s", "damping of motors")
-    motor_friction: Guess = Guess(
+    range_std = Guess("1 deg", "how well ranges are known")
+    motor_inertia = Guess("2e-4 kg m^2", "inertia of motors")
+    motor_damping = Guess("1e-3 N m s", "damping of motors")
+    motor_friction = Guess(
         {
             "constant": {"value": "0.035 N m", "std": "0.015 N m"},
             "load": {"value": 0.06, "std": 0.03},
         },
         "friction of motors",
     )
-    servo: Guess = Guess({"bandwidth": "5 Hz", "delay": "10 ms"}, "how motors follow")
-    stiffness: str = "20 N/mm"
-    tendon_damping: Guess = Guess("2 N s/m", "damping of tendons")
-    slack: Guess = Guess({"value": "0.3 mm", "std": "0.25 mm"}, "slack of tendons")
-    loose: Guess = Guess({"value": "0.5 mm", "std": "1 mm"}, "slack of tendons")
-    path: Guess = Guess(
+    servo = Guess({"bandwidth": "5 Hz", "delay": "10 ms"}, "how motors follow")
+    stiffness = "20 N/mm"
+    tendon_damping = Guess("2 N s/m", "damping of tendons")
+    slack = Guess({"value": "0.3 mm", "std": "0.25 mm"}, "slack of tendons")
+    loose = Guess({"value": "0.5 mm", "std": "1 mm"}, "slack of tendons")
+    path = Guess(
         {"friction": {"value": 0.1, "std": 0.05}, "wrap": "80 deg"}, "friction along the paths"
     )
-    torque_constant: Guess = Guess("0.5 N m/A", "torque constants")
-    current_noise: Guess = Guess("6 mA", "noise of currents")
-    position_noise: Guess = Guess("0.05 deg", "noise of encoders")
-    rate: Guess = Guess(100.0, "rate of the sensors")
-    counts: float = 4096
-    encoder_step: Guess = Guess(
-        "0.1 deg", "encoders of joints, which are for learning and comparing only"
-    )
+    torque_constant = Guess("0.5 N m/A", "torque constants")
+    current_noise = Guess("6 mA", "noise of currents")
+    position_noise = Guess("0.05 deg", "noise of encoders")
+    rate = Guess(100.0, "rate of the sensors")
+    counts = 4096
+    encoder_step = Guess("0.1 deg", "encoders of joints, which are for learning and comparing only")
 
-    def spring(self, radius: float) -> Guess:
+    @classmethod
+    def spring(cls, radius: float) -> Guess:
         """Return the stiffness of the return spring at a joint whose tendon passes at some `radius`
         [m]. It is proportional to the radius, so that the joints of one tendon close together.
         """
         return Guess(
-            {"value": f"{0.05 * radius / self.radius:.3g} N m/rad", "std": "60 %"},
+            {"value": f"{0.05 * radius / cls.radius:.3g} N m/rad", "std": "60 %"},
             "stiffness of springs",
         )
-
-
-ASSUMED = AssumedOfHands()
-"""What is assumed unless other values are given."""
-
-
-def _rest_angle(low: float) -> Guess:
-    """Return the rest angle of a spring that holds its joint open: so far below the lower end `low`
-    of the joint's range [rad].
-    """
-    rest = degrees(low - ASSUMED.spring_below)
-    return Guess({"value": f"{rest:.4g} deg", "std": "7 deg"}, "where springs rest")
-
-
-def _initial_angle(low: float, high: float) -> Guess:
-    """Return the angle of a joint at the first sample: anywhere from `low` to `high` [rad]."""
-    middle = degrees(low + high) / 2
-    spread = degrees(high - low) / 4
-    return Guess({"value": f"{middle:.4g} deg", "std": f"{spread:.4g} deg"}, "angles at the start")
 
 
 def from_table(path: str | Path) -> Imported:
@@ -382,7 +358,13 @@ def _joint(name: str, rows: Sequence[Row]) -> Raw:
     if row.follows is not None:
         return raw | {"coupled": {"joint": _name(row.follows, "joint"), "ratio": row.ratio}}
     raw |= {
-        "initial": _initial_angle(row.low, row.high),
+        "initial": Guess(
+            {
+                "value": f"{degrees(row.low + row.high) / 2:.4g} deg",
+                "std": f"{degrees(row.high - row.low) / 4:.4g} deg",
+            },
+            "angles at the start",
+        ),
         "friction": ASSUMED.joint_friction,
         "stops": [in_degrees(row.low), in_degrees(row.high)],
         "stops_std": ASSUMED.range_std if row.range_std is None else in_degrees(row.range_std),
@@ -390,7 +372,11 @@ def _joint(name: str, rows: Sequence[Row]) -> Raw:
     if all(other.back == "spring" for other in rows):
         raw["spring"] = {
             "stiffness": ASSUMED.spring(max(row.joint_radius or ASSUMED.radius for row in rows)),
-            "rest_angle": _rest_angle(row.low),
+            # so far below its range that it holds the joint open
+            "rest_angle": Guess(
+                {"value": f"{degrees(row.low - ASSUMED.spring_below):.4g} deg", "std": "7 deg"},
+                "where springs rest",
+            ),
         }
     return raw
 

@@ -4,39 +4,34 @@ does not say.
 
 Joints and links of a model, as a chain whose frames are all parallel where all angles are zero,
 with the stiffness of the joints' limits and their couplings.
+
+A `length_unit` is the number of metres in a model's unit of length. Masses are in kilograms and
+times in seconds, so that a unit of force is so many newtons and one of torque, length_unit², so
+many newton metres.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import hypot
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+from math import comb, hypot
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.rig.files import Guess
+from distal.rig.files import Guess, name_of
 from distal.rig.joints import REACH
-
-if TYPE_CHECKING:
-    import mujoco
-import warnings
-from collections.abc import Mapping
-from dataclasses import replace
-from itertools import combinations_with_replacement
-from math import comb
-from typing import TYPE_CHECKING
-
-from numpy.polynomial import Legendre, Polynomial
-from scipy.spatial.transform import Rotation
-
-from distal.rig.files import name_of
+from distal.rig.quantities import Raw
 
 if TYPE_CHECKING:
     import mujoco
@@ -62,11 +57,12 @@ def load_model(path: str | Path) -> mujoco.MjModel:
     Raises:
         RigError: there is no such file, or MuJoCo refuses it.
     """
-    package = mujoco_module()
+    import mujoco
+
     if not Path(path).is_file():
         raise RigError(f"{path}: there is no such file")
     try:
-        return package.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_path(str(path))
     except Exception as problem:
         said = " ".join(str(problem).split())
         raise RigError(f"{path}: MuJoCo does not take it: {said}") from None
@@ -76,11 +72,10 @@ EMBEDDED = "distal_rig"
 """Name of the text in a model that holds the rig that it was written from."""
 
 
-@dataclass(frozen=True)
-class AssumedOfModels:
+class ASSUMED:
     """Values for what a model does not have, with wide stds.
 
-    Args:
+    Attributes:
         drive_mass: it matters little, since a filter follows the measured position [kg].
         joint_friction: friction coefficient of a joint whose model has `frictionloss`; only its
             product with the radius and the preload counts.
@@ -94,29 +89,31 @@ class AssumedOfModels:
             the factor is the square root of their number.
     """
 
-    drive_mass: Guess = Guess(0.02, "the drive's mass")
-    path_friction: Guess = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
-    nominal_force: Guess = Guess({"value": "5 N", "std": "5 N"}, "usual force")
-    pretension: Guess = Guess(
+    drive_mass = Guess(0.02, "the drive's mass")
+    path_friction = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
+    nominal_force = Guess({"value": "5 N", "std": "5 N"}, "usual force")
+    pretension = Guess(
         {"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement"
     )
-    rate: Guess = Guess(100.0, "rate of the sensors")
-    force_noise: Guess = Guess("0.2 N", "noise of a force")
-    encoder_step: Guess = Guess("0.1 deg", "encoders, which are for learning and comparing only")
-    joint_friction: float = 1e-3
-    friction_radius: float = 1e-3
-    return_time: float = 1e-3
-    position_noise: float = 2e-5
-    lasting: float = 6.0
+    rate = Guess(100.0, "rate of the sensors")
+    force_noise = Guess("0.2 N", "noise of a force")
+    encoder_step = Guess("0.1 deg", "encoders, which are for learning and comparing only")
+    joint_friction = 1e-3
+    friction_radius = 1e-3
+    return_time = 1e-3
+    position_noise = 2e-5
+    lasting = 6.0
 
-    def noise(self, left: float) -> Guess:
+    @classmethod
+    def noise(cls, left: float) -> Guess:
         """Return the noise of a tendon's position, √(σ² + (6 e)²); e is what a polynomial has
         `left` of the tendon's length [m, RMS].
         """
-        size = hypot(self.position_noise, self.lasting * left)
+        size = hypot(cls.position_noise, cls.lasting * left)
         return Guess(float(f"{size:.2g}"), "noise of a position")
 
-    def stiffness(self, drives: int, joints: int) -> Guess:
+    @staticmethod
+    def stiffness(drives: int, joints: int) -> Guess:
         """Return the series stiffness of tendons, for the number of drives and of joints that turn
         by themselves.
 
@@ -129,9 +126,6 @@ class AssumedOfModels:
             {"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness"
         )
 
-
-ASSUMED = AssumedOfModels()
-"""What is assumed unless other values are given."""
 
 POSES = 3000
 """Number of random poses at which the lengths of tendons are computed [1]. Source: judgement."""
@@ -160,6 +154,11 @@ class Poses:
     wraps: NDArray[np.int64]
 
 
+def only_number(values: Floats | float) -> float:
+    """Return a number of a model, which newer versions of MuJoCo keep as the first one of a row."""
+    return float(np.ravel(values)[0])
+
+
 def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
     """Return the range of a joint [rad], ± `REACH` where the model has none."""
     if not model.jnt_limited[joint]:
@@ -172,7 +171,8 @@ def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     """Return ∂length/∂q of all tendons from `data` in which their lengths are computed, (n_tendons,
     n_v); MuJoCo keeps it dense or sparse.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
     flat = np.ravel(data.ten_J)
     owner = model if hasattr(model, "ten_J_rownnz") else data
     if owner is data and not mujoco.mj_isSparse(model):
@@ -187,7 +187,8 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     """Return lengths and moment arms of all tendons at `angles` of some joints [rad], (k,
     n_joints); other joints stay where the model has them.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
     data = mujoco.MjData(model)
     positions = [model.jnt_qposadr[j] for j in joints]
     speeds = [model.jnt_dofadr[j] for j in joints]
@@ -203,14 +204,6 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
         arms.append(tendon_slopes(model, data)[:, speeds])
         wraps.append(data.ten_wrapnum.copy())
     return Poses(angles, np.array(lengths), np.array(arms), np.array(wraps))
-
-
-def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
-    """Return the lengths of all tendons with some joints at zero, (n_tendons,); displacements of
-    drives count from these.
-    """
-    lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
-    return lengths
 
 
 def over_ranges(
@@ -286,6 +279,30 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         lengths: of the tendon, less the length with all of these joints at zero, (k,).
         arms: ∂length/∂angle, (k, n_joints).
     """
+
+    def shortened(full: Excursion, enough: float) -> Excursion:
+        """Return a polynomial with as few terms as leave at most `enough` of each moment arm."""
+        rows, desired = _equations(full.powers, angles, lengths, arms)
+        directions = rows / np.linalg.norm(rows, axis=0)
+        gram = directions.T @ directions
+        explained = desired @ directions
+        chosen = list[int]()
+        left = explained
+        while len(chosen) < len(full.powers):
+            gains = np.abs(left)
+            gains[chosen] = -1.0
+            chosen.append(int(gains.argmax()))
+            weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[
+                0
+            ]
+            left = explained - gram[:, chosen] @ weights
+            # with a joint that has no term the error is too large in any case
+            if np.all(full.powers[chosen].any(axis=0)):
+                shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
+                if shorter.arm_rms.max() <= enough:
+                    return shorter
+        return full
+
     fits = list[Excursion]()
     joints = angles.shape[1]
     for degree in range(1, HIGHEST_DEGREE + 1):
@@ -293,34 +310,10 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
             break
         fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
         if fits[-1].arm_rms.max() <= LARGEST_ARM_ERROR:
-            return _shortened(fits[-1], LARGEST_ARM_ERROR, angles, lengths, arms)
+            return shortened(fits[-1], LARGEST_ARM_ERROR)
     least = min(fit.arm_rms.max() for fit in fits)
     lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
-    return _shortened(lowest, NEARLY * least, angles, lengths, arms)
-
-
-def _shortened(
-    full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats
-) -> Excursion:
-    """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
-    rows, desired = _equations(full.powers, angles, lengths, arms)
-    directions = rows / np.linalg.norm(rows, axis=0)
-    gram = directions.T @ directions
-    explained = desired @ directions
-    chosen = list[int]()
-    left = explained
-    while len(chosen) < len(full.powers):
-        gains = np.abs(left)
-        gains[chosen] = -1.0
-        chosen.append(int(gains.argmax()))
-        weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[0]
-        left = explained - gram[:, chosen] @ weights
-        # with a joint that has no term the error is too large in any case
-        if np.all(full.powers[chosen].any(axis=0)):
-            shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
-            if shorter.arm_rms.max() <= enough:
-                return shorter
-    return full
+    return shortened(lowest, NEARLY * least)
 
 
 def _powers(joints: int, degree: int) -> NDArray[np.int64]:
@@ -333,7 +326,7 @@ def _powers(joints: int, degree: int) -> NDArray[np.int64]:
 
 
 def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Return values, (k, n_terms), and slopes of the terms, (k, n_joints, n_terms)."""
+    """Return values, (k, n_terms), and slopes of the terms, (n_joints, k, n_terms)."""
     raised = angles[:, None, :] ** powers[None]
     slopes = []
     for j in range(angles.shape[1]):
@@ -341,7 +334,7 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
         slopes.append(
             cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0)
         )
-    return np.prod(raised, axis=2), np.stack(slopes, axis=1)
+    return np.prod(raised, axis=2), np.array(slopes)
 
 
 def _equations(
@@ -353,17 +346,15 @@ def _equations(
     size = np.abs(arms).max(axis=0)
     span = max(float(np.ptp(lengths)), 1e-12)
     values, slopes = _terms(angles[::2], powers)
-    rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
-    return rows, np.concatenate(
-        [lengths[::2] / span, *(arms[::2, j] / size[j] for j in range(len(size)))]
-    )
+    rows = np.vstack([values / span, *(slopes / size[:, None, None])])
+    return rows, np.concatenate([lengths[::2] / span, *(arms[::2] / size).T])
 
 
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     rows, desired = _equations(powers, angles, lengths, arms)
     coefficients: Floats = np.linalg.lstsq(rows, desired, rcond=None)[0].astype(np.float64)
     values, slopes = _terms(angles[1::2], powers)
-    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
+    left: Floats = np.abs(np.einsum("jkt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
         arms
     ).max(axis=0)
     off = values @ coefficients - lengths[1::2]
@@ -380,25 +371,6 @@ SMALLEST_INERTIA = 1e-9
 """Inertia of a joint to which the model gives no armature, beside its link's [kg m²]. Source:
 rounding (an inertia of zero).
 """
-
-
-@dataclass(frozen=True)
-class Units:
-    """Units of a model: metres in its unit of `length`; masses are in kilograms, times in
-    seconds.
-    """
-
-    length: float = 1.0
-
-    @property
-    def force(self) -> float:
-        """Newtons in one unit of force."""
-        return self.length
-
-    @property
-    def torque(self) -> float:
-        """Newton metres in one unit of torque."""
-        return self.length**2
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
@@ -436,18 +408,20 @@ def parent_of(
 def described_joints(
     model: mujoco.MjModel,
     joints: Sequence[int],
-    units: Units,
+    length_unit: float,
     springs: Mapping[int, Mapping[str, float]],
     coupled: Sequence[Coupled],
-) -> tuple[dict[str, object], list[dict[str, object]]]:
+) -> tuple[Raw, list[Raw]]:
     """Return the raw base and the raw joints, in the model's order, with axes, positions, links,
     armature, damping, friction, springs, couplings and stops; a joint leads those that follow it
     within the stops of all.
 
     Args:
+        length_unit: metres in one unit of length of the model.
         springs: index of a joint → its raw return spring.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
     data = mujoco.MjData(model)
     data.qpos[[model.jnt_qposadr[j] for j in joints]] = 0.0
     mujoco.mj_kinematics(model, data)
@@ -455,24 +429,24 @@ def described_joints(
     frame = data.xmat[int(model.jnt_bodyid[joints[0]])].reshape(3, 3)
     carrier = carried_by(model, joints)
     root = data.xanchor[joints[0]]
-    described = list[dict[str, object]]()
+    described = list[Raw]()
     for j in joints:
         parent = parent_of(model, j, joints, carrier)
         position = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)
-        raw: dict[str, object] = {
+        raw: Raw = {
             "name": joint_name(model, j),
             "parent": joint_name(model, parent) if parent >= 0 else "base",
-            "offset": _rounded(frame.T @ position * units.length),
+            "offset": _rounded(frame.T @ position * length_unit),
             "axis": _rounded(frame.T @ data.xaxis[j], 12),
         }
         bodies = [body for body in range(model.nbody) if carrier[body] == j]
-        link = _link(model, data, bodies, data.xanchor[j], frame, units)
+        link = _link(model, data, bodies, data.xanchor[j], frame, length_unit)
         if link is not None:
             raw["link"] = link
         dof = model.jnt_dofadr[j]
-        raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
-        raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
-        loss = float(model.dof_frictionloss[dof]) * units.torque
+        raw["inertia"] = max(float(model.dof_armature[dof]) * length_unit**2, SMALLEST_INERTIA)
+        raw["damping"] = only_number(model.dof_damping[dof]) * length_unit**2
+        loss = float(model.dof_frictionloss[dof]) * length_unit**2
         if loss > 0.0:
             coefficient = {"value": ASSUMED.joint_friction, "std": "30 %"}
             raw["friction"] = {
@@ -489,9 +463,9 @@ def described_joints(
         else:
             initial = float(model.qpos0[model.jnt_qposadr[j]])
             raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
-            raw |= described_stop(model, j, units, coupled)
+            raw |= described_stop(model, j, length_unit, coupled)
         described.append(raw)
-    gravity = [float(part) * units.length for part in model.opt.gravity]
+    gravity = [float(part) * length_unit for part in model.opt.gravity]
     return {"gravity": gravity, "orientation": _rounded(_roll_pitch_yaw(frame), 12)}, described
 
 
@@ -501,8 +475,8 @@ def _link(
     bodies: Sequence[int],
     origin: Floats,
     frame: Floats,
-    units: Units,
-) -> dict[str, object] | None:
+    length_unit: float,
+) -> Raw | None:
     """Return mass, centre and moments of inertia of bodies that move together, in the joint's
     frame; None if massless.
     """
@@ -519,8 +493,8 @@ def _link(
         moments += np.diag(turned @ np.diag(model.body_inertia[b]) @ turned.T + shift)
     return {
         "mass": float(masses.sum()),
-        "centre": _rounded(centre * units.length),
-        "inertia": [float(f"{moment:.6g}") for moment in moments * units.torque],
+        "centre": _rounded(centre * length_unit),
+        "inertia": [float(f"{moment:.6g}") for moment in moments * length_unit**2],
     }
 
 
@@ -556,21 +530,29 @@ def stiffness_at_rest(
 
 
 def described_stop(
-    model: mujoco.MjModel, joint: int, units: Units, coupled: Sequence[Coupled]
-) -> dict[str, object]:
-    """Return the stops of a joint, raw, with stiffness and damping by the joint's limits in MuJoCo;
-    empty where neither it nor a joint that follows it has limits.
+    model: mujoco.MjModel, joint: int, length_unit: float, coupled: Sequence[Coupled]
+) -> Raw:
+    """Return the stops of a joint, raw, within which it and all joints that follow it are within
+    their limits, with stiffness and damping by the joint's limits in MuJoCo; empty where none of
+    them has limits. The model's unit of length has `length_unit` metres.
     """
-    ends = kept_range(model, joint, coupled)
-    if ends is None:
+    ends = [range_of(model, joint)] if model.jnt_limited[joint] else []
+    for pair in coupled:
+        if pair.leader == joint and model.jnt_limited[pair.follower]:
+            low, high = sorted(
+                (end - pair.offset) / pair.ratio for end in range_of(model, pair.follower)
+            )
+            ends.append((low, high))
+    if not ends:
         return {}
+    lows, highs = zip(*ends)
     inverse = float(model.dof_invweight0[model.jnt_dofadr[joint]])
     stiffness = (
         stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse)
-        * units.torque
+        * length_unit**2
     )
     return {
-        "stops": list(ends),
+        "stops": [max(lows), min(highs)],
         "stop_stiffness": float(f"{stiffness:.6g}"),
         "stop_damping": float(f"{ASSUMED.return_time * stiffness:.6g}"),
     }
@@ -597,7 +579,8 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
     In MuJoCo q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; where this is curved, the nearest straight line over
     the range replaces it.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
     coupled = list[Coupled]()
     left = list[str]()
     for i in range(model.neq):
@@ -607,7 +590,7 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
         kind = mujoco.mjtEq(int(model.eq_type[i]))
         first = int(model.eq_obj1id[i])
         second = int(model.eq_obj2id[i])
-        if int(kind) != int(mujoco.mjtEq.mjEQ_JOINT) or second < 0:
+        if kind != mujoco.mjtEq.mjEQ_JOINT or second < 0:
             left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
             continue
         zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
@@ -637,18 +620,19 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
 
 
 def softened(
-    coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], units: Units
+    coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], length_unit: float
 ) -> list[Coupled]:
     """Return the couplings with ratio and offset at rest, where the spring of each follower pulls
     against the coupling: K (ρ θ_l + o − θ_f) = k (θ_f − θ₀).
 
     Args:
         springs: index of a joint → its raw return spring.
+        length_unit: metres in one unit of length of the model.
     """
     soft = list[Coupled]()
     for pair in coupled:
         spring = springs.get(pair.follower, {})
-        held = pair.stiffness * units.torque
+        held = pair.stiffness * length_unit**2
         pulled = spring.get("stiffness", 0.0)
         share = held / (held + pulled)
         rest = spring.get("rest_angle", 0.0)
@@ -657,20 +641,3 @@ def softened(
             replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0)
         )
     return soft
-
-
-def kept_range(
-    model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]
-) -> tuple[float, float] | None:
-    """Return the range of a leading joint in which it and all joints that follow it are within
-    their limits [rad], None where none has limits.
-    """
-    ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
-    for coupling in coupled:
-        if coupling.leader == leader and model.jnt_limited[coupling.follower]:
-            low, high = sorted(
-                (end - coupling.offset) / coupling.ratio
-                for end in range_of(model, coupling.follower)
-            )
-            ends.append((low, high))
-    return (max(low for low, _ in ends), min(high for _, high in ends)) if ends else None

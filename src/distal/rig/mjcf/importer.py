@@ -10,46 +10,39 @@ tendons move them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.rig.mjcf.bodies import (
-    ASSUMED,
-    LARGEST_ARM_ERROR,
-    POSES,
-    Poses,
-    Units,
-    at_poses,
-    fit_excursion,
-    joint_name,
-    over_ranges,
-    range_of,
-    rest_lengths,
-    tendon_name,
-    turned_by,
-)
-
-if TYPE_CHECKING:
-    import mujoco
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 from distal.errors import RigError, did_you_mean
 from distal.rig.files import Imported, build_rig, name_of, parse_toml
 from distal.rig.mjcf.bodies import (
+    ASSUMED,
     CROSSED,
     EMBEDDED,
+    LARGEST_ARM_ERROR,
+    POSES,
     Coupled,
+    Poses,
+    at_poses,
     couplings,
     described_joints,
+    fit_excursion,
+    joint_name,
     load_model,
     mujoco_module,
+    only_number,
+    over_ranges,
+    range_of,
     softened,
+    tendon_name,
     tendon_slopes,
+    turned_by,
 )
 from distal.rig.plausibility import USUAL
+from distal.rig.quantities import Raw
 from distal.rig.rig import MOST_JOINTS, Rig
 
 if TYPE_CHECKING:
@@ -64,16 +57,17 @@ FARTHEST_REST = 100.0
 
 def spring_tendons(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the tendons that are springs."""
-    return [t for t in range(model.ntendon) if float(np.ravel(model.tendon_stiffness[t])[0]) > 0.0]
+    return [t for t in range(model.ntendon) if only_number(model.tendon_stiffness[t]) > 0.0]
 
 
 def joint_springs(
-    model: mujoco.MjModel, joints: Sequence[int], units: Units
+    model: mujoco.MjModel, joints: Sequence[int], length_unit: float
 ) -> tuple[dict[int, dict[str, float]], list[str]]:
     """Return the raw return spring of each joint that has one, and what is left out, in words.
 
     The torques of all springs that act on one joint alone are added over its range, and −(k x + q
-    x² + c x³) with x = θ − θ₀ is fitted to the sum.
+    x² + c x³) with x = θ − θ₀ is fitted to the sum. The model's unit of length has `length_unit`
+    metres.
     """
     springs = dict[int, dict[str, float]]()
     left = list[str]()
@@ -89,18 +83,16 @@ def joint_springs(
         low, high = range_of(model, j)
         angles = np.linspace(low, high, POSES)
         relaxed = float(model.qpos_spring[model.jnt_qposadr[j]])
-        torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (angles - relaxed)
+        torque = -only_number(model.jnt_stiffness[j]) * (angles - relaxed)
         for t in (t for t, crossed in crossing.items() if crossed == [j]):
             along = at_poses(model, [j], angles[:, None])
-            low_length, high_length = (
-                float(end) for end in np.ravel(model.tendon_lengthspring[t])[:2]
-            )
+            low_length, high_length = np.ravel(model.tendon_lengthspring[t])[:2]
             length = along.lengths[:, t]
-            stiffness = float(np.ravel(model.tendon_stiffness[t])[0])
+            stiffness = only_number(model.tendon_stiffness[t])
             stretched = np.maximum(length - high_length, 0.0) - np.maximum(low_length - length, 0.0)
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
         if np.abs(torque).max() > 0.0:
-            torque = torque * units.torque
+            torque = torque * length_unit**2
             springs[j] = _as_spring(angles, torque)
             rms = _left(springs[j], angles, torque)
             if rms > 0.05 * np.abs(torque).max():
@@ -153,14 +145,12 @@ def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
     return float(np.sqrt(np.mean((np.polynomial.Polynomial([0.0, *terms])(x) + torque) ** 2)))
 
 
-def described_drive(
-    model: mujoco.MjModel, tendon: int, name: str, units: Units
-) -> dict[str, object]:
-    """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of
-    the drive.
+def described_drive(model: mujoco.MjModel, tendon: int, name: str, length_unit: float) -> Raw:
+    """Return the raw drive of a tendon; the tendon's `frictionloss` becomes friction of the drive.
+    The model's unit of length has `length_unit` metres.
     """
-    constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
-    friction: dict[str, object] = {"load": ASSUMED.path_friction}
+    constant = only_number(model.tendon_frictionloss[tendon]) * length_unit
+    friction: Raw = {"load": ASSUMED.path_friction}
     if constant > 0.0:
         friction = {"constant": constant} | friction
     return {
@@ -178,18 +168,21 @@ def described_crossings(
     name: str,
     hinges: Sequence[int],
     poses: Poses,
-    units: Units,
+    length_unit: float,
 ) -> tuple[list[object], float, list[str]]:
     """Return the raw crossings of a tendon, the RMS error that their polynomial leaves of its
     length [m], and a note where its moment arms are not exact.
 
     The std of the polynomial's `scale`, or of the pulleys' radii, is what 92 % of the errors of its
-    moment arms stay below, at least `LARGEST_ARM_ERROR`. The `poses` are those of the `hinges`.
+    moment arms stay below, at least `LARGEST_ARM_ERROR`. The `poses` are those of the `hinges`; the
+    model's unit of length has `length_unit` metres.
     """
     crossed = turned_by(poses, tendon)
     joints = [hinges[k] for k in crossed]
     angles = poses.angles[:, crossed]
-    lengths = poses.lengths[:, tendon] - rest_lengths(model, hinges)[tendon]
+    lengths = poses.lengths[:, tendon]
+    # displacements of drives count from the length with all joints at zero
+    lengths -= at_poses(model, hinges, np.zeros((1, len(hinges)))).lengths[0, tendon]
     excursion = fit_excursion(angles, lengths, poses.arms[:, tendon, crossed])
     names = [joint_name(model, j) for j in joints]
     std = max(LARGEST_ARM_ERROR, float(np.ceil(1e3 * excursion.arm_most)) / 1e3)
@@ -201,7 +194,7 @@ def described_crossings(
         notes.append(
             f"tendon '{name}': "
             + ("its path touches a surface at some angles only; " if switches else "")
-            + f"degree {excursion.degree} leaves {1e3 * units.length * excursion.length_rms:.2g} "
+            + f"degree {excursion.degree} leaves {1e3 * length_unit * excursion.length_rms:.2g} "
             "mm RMS, " + f"of its moment arms {shares}"
         )
     if excursion.degree == 1:
@@ -209,14 +202,14 @@ def described_crossings(
         for (k,), slope in zip(
             (np.flatnonzero(row) for row in excursion.powers), excursion.coefficients
         ):
-            radius = {"value": abs(float(slope)) * units.length, "std": f"{100 * std:g} %"}
+            radius = {"value": abs(float(slope)) * length_unit, "std": f"{100 * std:g} %"}
             side = -1 if slope > 0.0 else 1
             crossings.append(
                 {"joint": names[int(k)], "kind": "pulley", "radius": radius, "side": side}
             )
     else:
         terms = [
-            {"powers": [int(p) for p in powers], "coefficient": float(f"{-c * units.length:.9g}")}
+            {"powers": [int(p) for p in powers], "coefficient": float(f"{-c * length_unit:.9g}")}
             for powers, c in zip(excursion.powers, excursion.coefficients)
         ]
         ends = [[float(end) for end in range_of(model, j)] for j in joints]
@@ -224,19 +217,17 @@ def described_crossings(
         crossings = [
             {"kind": "polynomial", "joints": names, "range": ends, "scale": scale, "terms": terms}
         ]
-    return crossings, excursion.length_rms * units.length, notes
+    return crossings, excursion.length_rms * length_unit, notes
 
 
-def described_sensors(
-    tendons: Mapping[str, float], joints: Sequence[str]
-) -> list[dict[str, object]]:
+def described_sensors(tendons: Mapping[str, float], joints: Sequence[str]) -> list[Raw]:
     """Return the raw sensors: displacement and force of each drive, and an encoder at each joint
     for learning.
 
     Args:
         tendons: name → RMS error that the polynomial leaves of the tendon's length [m].
     """
-    rows: list[tuple[str, str, str, str, dict[str, object]]] = []
+    rows: list[tuple[str, str, str, str, Raw]] = []
     for name, left in tendons.items():
         rows.append(("x", "position", name, "m", {"noise": ASSUMED.noise(left)}))
         rows.append(("u", "force", name, "N", {"noise": ASSUMED.force_noise}))
@@ -258,7 +249,8 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     Raises:
         RigError: no tendon is pulled, or one is pulled by a muscle.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
     if not model.ntendon:
         raise RigError("the model has no tendon")
     driven = dict[int, str]()
@@ -304,7 +296,8 @@ def turning_joints(
     """Return the indices of those joints that turn about one axis and are asked for; for `chain`
     and `joints` see `from_mujoco`.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
     turning = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     if chain is not None:
         bodies = [model.body(b).name for b in range(model.nbody)]
@@ -349,21 +342,24 @@ def other_joints(
     Raises:
         RigError: such a joint is no hinge.
     """
-    mujoco = mujoco_module()
+    import mujoco
+
+    kind_of = mujoco.mjtJoint
     kinds = {
-        int(mujoco.mjtJoint.mjJNT_SLIDE): (1, "slides"),
-        int(mujoco.mjtJoint.mjJNT_BALL): (3, "turns every way"),
-        int(mujoco.mjtJoint.mjJNT_FREE): (6, "is free"),
+        kind_of.mjJNT_SLIDE: (1, "slides"),
+        kind_of.mjJNT_BALL: (3, "turns every way"),
+        kind_of.mjJNT_FREE: (6, "is free"),
     }
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     slopes = np.abs(tendon_slopes(model, data))
     notes = list[str]()
     for t, name in driven.items():
-        for j in (j for j in range(model.njnt) if j not in hinges):
+        least = CROSSED * max(float(slopes[t].max()), 1e-12)
+        for j in range(model.njnt):
             dof = model.jnt_dofadr[j]
-            width, kind = kinds.get(int(model.jnt_type[j]), (1, None))
-            if slopes[t, dof : dof + width].max() <= CROSSED * max(float(slopes[t].max()), 1e-12):
+            width, kind = kinds.get(kind_of(model.jnt_type[j]), (1, None))
+            if j in hinges or slopes[t, dof : dof + width].max() <= least:
                 continue
             if kind is not None:
                 raise RigError(
@@ -382,8 +378,10 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
     """Raise a `RigError` where the base of the `first` kept joint floats, unless a `chain` is asked
     for.
     """
+    import mujoco
+
     body = model.jnt_bodyid[first]
-    free = mujoco_module().mjtJoint.mjJNT_FREE
+    free = mujoco.mjtJoint.mjJNT_FREE
     while body > 0 and chain is None:
         for j in range(model.njnt):
             if model.jnt_bodyid[j] == body and model.jnt_type[j] == free:
@@ -432,17 +430,18 @@ def from_mujoco(
         RigError: no rig can be made of this model; the message names the element.
     """
     package = mujoco_module()
-    if not isinstance(model, (str, Path, package.MjModel)):
+    title = "model"
+    if isinstance(model, (str, Path)):
+        title = Path(model).stem
+        model = load_model(model)
+    elif not isinstance(model, package.MjModel):
         raise RigError(
             f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} "
             "came"
         )
-    title = "model"
-    units = Units(length_unit)
-    if isinstance(model, (str, Path)):
-        title = Path(model).stem
-        model = load_model(model)
-    title = _title(model, title)
+    name_of_model = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
+    if name_of_model not in ("", "MuJoCo Model"):
+        title = name_of_model
     text = package.mj_name2id(model, package.mjtObj.mjOBJ_TEXT, EMBEDDED)
     if text >= 0 and chain is None and joints is None:
         written = bytes(model.text_data)[model.text_adr[text] :].split(b"\0")[0].decode()
@@ -469,23 +468,16 @@ def from_mujoco(
         notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
     pulling = {t: name for t, name in driven.items() if turned[t]}
     _check_coefficients(model, pulling)
-    springs, left = joint_springs(model, kept, units)
+    springs, left = joint_springs(model, kept, length_unit)
     notes += left
     inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
-    soft = softened(inside, springs, units)
-    base, described = described_joints(model, kept, units, springs, soft)
-    raw: dict[str, object] = {
-        "name": title,
-        "log": {"time": {"column": "time", "unit": "s"}},
-        "base": base,
-        "joints": described,
-        "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
-    }
-    tendons = list[dict[str, object]]()
+    soft = softened(inside, springs, length_unit)
+    base, described = described_joints(model, kept, length_unit, springs, soft)
+    tendons = list[Raw]()
     off = dict[str, float]()
     free = sum("coupled" not in joint for joint in described)
     for t, name in pulling.items():
-        crossings, off[name], left = described_crossings(model, t, name, hinges, poses, units)
+        crossings, off[name], left = described_crossings(model, t, name, hinges, poses, length_unit)
         tendons.append(
             {
                 "name": name,
@@ -496,7 +488,12 @@ def from_mujoco(
             }
         )
         notes += left
-    raw |= {
+    raw: Raw = {
+        "name": title,
+        "log": {"time": {"column": "time", "unit": "s"}},
+        "base": base,
+        "joints": described,
+        "drives": [described_drive(model, t, name, length_unit) for t, name in pulling.items()],
         "tendons": tendons,
         "sensors": described_sensors(off, [joint_name(model, j) for j in kept]),
     }
@@ -505,16 +502,13 @@ def from_mujoco(
     return imported
 
 
-def _title(model: mujoco.MjModel, otherwise: str) -> str:
-    name = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
-    return name if name and name != "MuJoCo Model" else otherwise
-
-
 def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> None:
     """Raise a `RigError` where a fixed tendon sums angles: its coefficients, larger than the whole
     model, are no moment arms.
     """
-    joint = mujoco_module().mjtWrap.mjWRAP_JOINT
+    import mujoco
+
+    joint = mujoco.mjtWrap.mjWRAP_JOINT
     for t, name in driven.items():
         begin = int(model.tendon_adr[t])
         wraps = range(begin, begin + int(model.tendon_num[t]))
@@ -522,9 +516,8 @@ def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> Non
         if max(map(abs, sums), default=0.0) > model.stat.extent:
             listed = " and ".join(f"{coefficient:g}" for coefficient in sums)
             raise RigError(
-                f"the fixed tendon '{name}' sums angles, by the coefficients {listed}, which are "
-                "no lengths: its path is not in the model. Write the radius of each pulley as its "
-                'coef, such as coef="0.008" for 8 mm'
+                f"the fixed tendon '{name}' sums angles: its coefficients {listed} are no lengths. "
+                'Write the radius of each pulley as its coef, such as coef="0.008" for 8 mm'
             )
 
 
