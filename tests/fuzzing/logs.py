@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -158,6 +159,10 @@ class Logs:
         separator = max((",", ";", "\t"), key=lines[0].count)
         width = lines[0].count(separator)
         whole = [line for line in lines[1:] if line.count(separator) == width]
+        names = [name.strip() for name in lines[0].split(separator)]
+        if self._rig.log.time.column in names:
+            at = names.index(self._rig.log.time.column)
+            whole = [line for line in whole if _is_number(line.split(separator)[at])]
         if not len(whole) <= len(read) <= len(lines) - 1:
             return broken(seed, f"{len(lines) - 1} lines, {len(read)} rows")
         if len(read) < len(lines) - 1:
@@ -174,15 +179,7 @@ class Logs:
                 given = value / (sensor.sign * log_factor(sensor))
                 if np.isfinite(value) and not np.isclose(float(cell), given, rtol=1e-12, atol=0):
                     return broken(seed, f"'{cell}' was read as {value}")
-                if np.isnan(value) and cell.lower() not in (
-                    "",
-                    "nan",
-                    "na",
-                    "n/a",
-                    "null",
-                    "none",
-                    "-",
-                ):
+                if np.isnan(value) and _is_number(cell):
                     return broken(seed, f"'{cell}' was lost")
         return TAKEN
 
@@ -354,3 +351,8 @@ def good_log(rig: Rig, scenario: Any, samples: int = 60) -> Log:
     from distal.simulation import simulate_plant as simulate
 
     return replace(simulate(rig, scenario, 3).select(slice(0, samples)), truth={})
+
+
+def _is_number(cell: str) -> bool:
+    """Return whether a cell is more than a word, which is a missing value with a warning."""
+    return re.search(r"[^\W\d_]{2}|#", cell) is None and any(map(str.isnumeric, cell))

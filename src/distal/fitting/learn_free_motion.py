@@ -48,7 +48,9 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
             continue
         data = [_of_efforts(logs[i], forces, part["positions"]) for i in usable]
         described = {**part, "joints": forces, "channels": part["positions"]}
-        learned, held_out = learned_map(data, described, [folds[i] for i in usable])
+        # at rest nobody knows on which side of a wide play a force is
+        of_usable = [folds[i] for i in usable]
+        learned, held_out = learned_map(data, described, of_usable, plays=(1.0,))
         arrays = dict(learned.arrays.by_name)
         # no variance is asked: the errors on logs left out are what is known of it
         arrays["covariance"] = np.zeros_like(arrays["covariance"])

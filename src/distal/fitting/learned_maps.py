@@ -241,6 +241,7 @@ def learned_map(
     described: Mapping[str, tuple[str, ...]],
     groups: Sequence[int],
     homing: float | None = None,
+    plays: Sequence[float] = PLAYS,
 ) -> tuple[LearnedMap, list[list[HeldOut]]]:
     """Return the map that logs teach, and of each joint the errors on each log by what the other
     groups tell.
@@ -250,6 +251,7 @@ def learned_map(
         described: the fields of the `LearnedMap` that say what it reads and gives.
         groups: the group of each log, whose logs are held out together.
         homing: for how long the target is known in use [s]; None: it is not.
+        plays: factors on half-widths of plays, of which the likeliest is taken.
     """
     joints = range(logs[0].targets.shape[1])
 
@@ -260,7 +262,7 @@ def learned_map(
         learned = [(prior, *task) for (prior, _), task in zip(priors, tasks)]
         return sum(cost for _, cost in priors), seen, learned
 
-    _, seen, maps = min(map(searched, PLAYS), key=lambda by_play: by_play[0])
+    _, seen, maps = min(map(searched, plays), key=lambda by_play: by_play[0])
     results = [_of_joint(*of_joint) for of_joint in maps]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
     arrays["correlation"] = _correlation([held_out for _, held_out in results])

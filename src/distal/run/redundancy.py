@@ -53,7 +53,7 @@ KEPT = 4
 """
 
 INDEPENDENT = 0.5
-"""Time over which errors of forces are independent [s]. Source: benchmark
+"""Time over which errors of forces are independent in motion [s]. Source: benchmark
 (docs/results/reliability.md).
 """
 
@@ -354,7 +354,10 @@ class _Part:
             ca.mtimes(ca.horzcat(*readings), chosen),
             mask,
         )
-        spans = ca.fmin(waited / INDEPENDENT, 1) * (age >= 0) * judged
+        # a pose tells one thing, however long it is held: as much as a way of one std tells
+        scale = ca.DM(self.learned.arrays["scale"][: self.shape.channels])
+        way = _any(ca.fabs(read - earlier)[: self.shape.channels] / scale) * waited / LATE
+        spans = ca.fmin(ca.fmin(waited / INDEPENDENT, way), 1) * (age >= 0) * judged
         square, away = compared
         evidence = dict[str, VectorNode]()
         for name, cost in (("evidence", square), ("beside_touch", ca.fmin(square, TOUCH))):
