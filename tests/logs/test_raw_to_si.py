@@ -221,7 +221,7 @@ def test_behind_a_gear_nothing_is_lost_and_nothing_begins_anew(
 
 def test_one_number_alone_shows_no_flag(rig: Rig, tmp_path: Path) -> None:
     """A counter that begins in the middle of its register counts on, and is not turned over."""
-    counts = 32900.0 + np.round(300.0 * np.sin(2.0 * TIME))
+    counts = 33100.0 + np.round(300.0 * np.sin(2.0 * TIME))
     came = one_by_one(rig, np.column_stack([counts, 8.0 * np.sin(9.0 * TIME)]), tmp_path)
     np.testing.assert_allclose(np.diff(came[:, 0]), np.diff(counts) * 2 * pi / 4096, atol=1e-9)
 

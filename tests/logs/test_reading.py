@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -276,7 +277,12 @@ def test_rows_in_the_order_of_texts_are_sorted(tmp_path: Path, pulley_rig: Rig) 
 
 @pytest.mark.parametrize(
     "header",
-    ["T,X1,X2,U1,U2", "t[s],x1[m],x2(m),u1 (N),u2[N]", "__t,/rig/x1,/rig/x2,/rig/u1,rig.u2"],
+    [
+        "T,X1,X2,U1,U2",
+        "t,rigX1,rigX2,U1,u_2",
+        "t[s],x1[m],x2(m),u1 (N),u2[N]",
+        "__t,/rig/x1,/rig/x2,/rig/u1,rig.u2",
+    ],
 )
 def test_columns_are_known_by_their_words(tmp_path: Path, pulley_rig: Rig, header: str) -> None:
     log = read_log(file(tmp_path, GOOD.replace("t,x1,x2,u1,u2", header)), pulley_rig)
@@ -294,3 +300,22 @@ def test_of_two_columns_with_the_same_words_none_is_taken(tmp_path: Path, pulley
 def test_a_usual_name_of_the_time_is_enough(tmp_path: Path, pulley_rig: Rig, name: str) -> None:
     log = read_log(file(tmp_path, GOOD.replace("t,x1", f"{name},x1")), pulley_rig)
     np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02])
+
+
+def test_two_runs_between_one_another_are_not_one(tmp_path: Path, pulley_rig: Rig) -> None:
+    """The clock of the second began anew, half a step off."""
+    runs = [(0.02 * k + off, way * k) for off, way in ((0.0, 1), (0.01, -1)) for k in range(60)]
+    text = "\n".join(["t,x1,x2,u1,u2", *(f"{t:.3f},{x},{-x},{x},{x}" for t, x in runs)])
+    with pytest.warns(DistalWarning, match="the clock was set back 1 times"):
+        log = read_log(file(tmp_path, text), pulley_rig)
+    np.testing.assert_array_equal(log.channels["x1"], np.arange(60))
+
+
+@pytest.mark.parametrize("name", ["Clock", "millis since boot", "datenum"])
+def test_a_time_of_another_name_is_proposed(tmp_path: Path, pulley_rig: Rig, name: str) -> None:
+    path = file(tmp_path, GOOD.replace("t,x1", f"{name},x1"))
+    with pytest.raises(LogError, match="may be the time") as caught:
+        read_log(path, pulley_rig)
+    column, *_ = re.findall(r"--set 'log.time.column=\"([^\"]+)\"'", str(caught.value))
+    described = pulley_rig.with_values({"log.time.column": column})
+    np.testing.assert_allclose(read_log(path, described).time, [0.0, 0.01, 0.02])

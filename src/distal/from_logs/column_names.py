@@ -258,7 +258,7 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
     are no units.
     """
     match = _BRACKETS.match(header)
-    base, bracket = (match[1], match[2]) if match else (header, "")
+    base, bracket = (match[1], match[2]) if match and match[1] else (header, "")
     unit, si = _unit(bracket)
     ending = _ENDING.match(base) if unit is None else None
     at_end = SPELLED.get(ending[2].lower()) if ending else None
@@ -292,6 +292,8 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
         kinds.append("unused")
     if "index" in kinds and len(words) > 1:  # the finger, not a number of rows
         kinds[kinds.index("index")] = "finger"
+    if "proximal" in kinds and "joint" in kinds:  # of a finger's joints the first
+        kinds[kinds.index("proximal")] = "finger"
     if "current" in kinds and {"place", "position", "unused"} & set(kinds):
         kinds.remove("current")  # the present one
     evidence = [EVIDENCE.get(kind, {}) for kind in kinds]

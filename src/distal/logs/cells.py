@@ -59,11 +59,17 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
     return columns is None or text in columns or any(_is_called(text, name) for name in columns)
 
 
+WORDS = re.compile(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+(?![a-z])|\d+")
+"""The words of a name: `m1_pos`, `M1 Pos` and `m1Pos` are of m, 1, pos."""
+
+
 def _is_called(text: str, name: str) -> bool:
     """Return whether the words of a header, without its unit, end with those of a name, in any case
     and with any signs between.
     """
-    words, last = (re.findall(r"[^\W_]+", part.lower()) for part in (name_and_unit(text)[0], name))
+    words, last = (
+        [word.lower() for word in WORDS.findall(part)] for part in (name_and_unit(text)[0], name)
+    )
     return bool(last) and words[-len(last) :] == last
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from distal.logs.log import (
 )
 from distal.logs.outputs import write_whole
 from distal.logs.raw_to_si import TURN, RawToSI, says_nothing, through
-from distal.logs.stamps import Clock, clock_of, in_order, spread
+from distal.logs.stamps import Clock, clock_of, in_order, is_time, spread
 from distal.logs.tables import Source, open_table, together
 from distal.rig import (
     REFERENCES,
@@ -90,12 +91,7 @@ def read_log(
         clock = Clock(np.arange(cells.rows) / time_rate)
     else:
         if time_column not in cells.names:
-            rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
-            raise LogError(
-                f"{cells.source}: column '{time_column}' is missing, which is the time"
-                f"{did_you_mean(time_column, cells.names)}; if rows are evenly spaced, give their "
-                f"rate: --set 'log.time.rate=\"{rate:g} Hz\"'"
-            )
+            raise _without_time(open_table(path), time_column, rig)
         cells.check([time_column])
         factor = time_factor(rig, cells.units.get(time_column), cells.source)
         clock = clock_of(cells, time_column, factor)
@@ -148,6 +144,26 @@ def read_log(
         if column in table.columns
     }
     return Log(time, channels, known, table.source, origin, stamps, setpoints)
+
+
+def _without_time(cells: Cells, time_column: str, rig: Rig) -> LogError:
+    """Return what is wrong with a table without the rig's time column, which of its columns may be
+    the time, and what else helps.
+    """
+    rising = list[str]()
+    for name, column in cells.columns.items():
+        with suppress(LogError, ValueError, OverflowError):
+            stamps = cells.values(name) if not is_time(column) else clock_of(cells, name, 1.0).time
+            if len(stamps) > 1 and np.mean(np.diff(stamps) > 0.0) > 0.9:
+                rising.append(name)
+    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    may_be = " or ".join(f"--set 'log.time.column=\"{name}\"'" for name in rising)
+    rises = f"; what rises with the rows may be the time: {may_be}" if rising else ""
+    return LogError(
+        f"{cells.source}: column '{time_column}' is missing, which is the time{rises}; if rows are "
+        f"evenly spaced, give their rate: --set 'log.time.rate=\"{rate:g} Hz\"'"
+        f"{did_you_mean(time_column, cells.names)}"
+    )
 
 
 def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:

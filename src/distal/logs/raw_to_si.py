@@ -23,9 +23,10 @@ from distal.logs.log import LARGEST_READING, sealed
 from distal.rig import REFERENCES, Rig, Sensor, motor_range
 from distal.rig.sensors import AngleSensor
 
-Kind = Literal["turn", "unknown turn", "restarted", "decoded", "repeated"]
+Kind = Literal["turn", "unknown turn", "restarted", "decoded", "repeated", "full"]
 """What was done with a reading: its turn may be another one, or is a guess; it counts from another
-turn than before; its register was decoded; it is missing since it repeats the last one.
+turn than before; its register was decoded; it is missing since it repeats the last one, or since it
+is the end of a register.
 """
 
 TURN = 2 * pi
@@ -315,6 +316,13 @@ WHITE = 1.5
 √(20/6) for white noise, far less for smooth motion [1]. Source: judgement (between the two).
 """
 
+FULL = frozenset(
+    end for bits in (16, 32) for end in (2**bits - 1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1)))
+)
+"""Ends of registers, which drivers give where they read nothing. Source: definition (16 and 32
+bits).
+"""
+
 REGISTERS = ((15, True), (31, True), (10, False), (15, False), (31, False))
 """Bit of the sign, and whether below zero counts in two's complement (else the sign is a flag), of
 registers that were read as numbers without a sign. Source: definition (16 and 32 bits; bits 10 and
@@ -328,6 +336,7 @@ SENTENCES: dict[Kind, str] = {
     "restarted": "{} counts from another turn: taken back",
     "decoded": "{} holds negative numbers that were read without a sign: decoded",
     "repeated": "{} repeats exactly what it read before: taken as missing",
+    "full": "{} is at the end of its register: taken as missing",
 }
 """What was done with a reading, in words."""
 
@@ -388,6 +397,8 @@ class RawToSI:
         self._sensors = tuple(sensors)
         self._factors = [float(factor) for factor in factors]
         self._registers = [_Register(getattr(s, "counts_per_turn", None)) for s in sensors]
+        # an encoder within a turn may be anywhere in it
+        self._counts = [getattr(s, "counts_per_turn", None) or 0 for s in sensors]
         self._noises = [_Noise() for _ in sensors]
         self._doubting = doubting
         self._moving = [i for i, sensor in enumerate(sensors) if sensor.measures not in REFERENCES]
@@ -448,6 +459,9 @@ class RawToSI:
         old = self._old(logged, remarks) if self._doubting else [False] * len(logged)
         for i, number in enumerate(logged):
             if number != number or old[i]:
+                continue
+            if number in FULL and not 0.0 <= number < self._counts[i]:
+                remarks.append(Remark("full", self._sensors[i].name))
                 continue
             if not abs(number * self._factors[i]) <= LARGEST_READING:
                 sample[i] = number * self._factors[i]  # the estimator takes it as missing

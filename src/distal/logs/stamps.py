@@ -315,8 +315,9 @@ def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
     rows = np.flatnonzero(~left_out)
     ends = set_backs(time[rows])
     sorted_rows = rows[np.argsort(time[rows], kind="stable")]
-    steps = np.diff(time[sorted_rows])
-    if len(ends) and 2.0 * steps.min() > np.median(steps):
+    steps = np.diff(time[rows])
+    # of two runs some rows are nearer than half a step
+    if len(ends) and 2.0 * np.diff(time[sorted_rows]).min() > np.median(steps[steps > 0.0]):
         return sorted_rows  # they were written in another order
     return rows[longest_part(ends, len(rows), source)]
 

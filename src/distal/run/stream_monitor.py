@@ -28,6 +28,7 @@ OF_REMARKS: dict[str, Health] = {
     "unknown turn": "restarted",
     "restarted": "restarted",
     "repeated": "missing",
+    "full": "missing",
 }
 """What the conversion did with a reading → the health word that reports it."""
 
