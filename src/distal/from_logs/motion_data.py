@@ -33,15 +33,13 @@ from distal.logs import (
     open_table,
 )
 from distal.logs.cells import LIST
+from distal.logs.raw_to_si import FEWEST
 from distal.logs.stamps import clock_of, is_time, spread
 from distal.regression import played
 from distal.rig.hand_tables.rig_of_table import ASSUMED
 from distal.units import USUAL, unit_factor
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-
-FEWEST_ROWS = 50
-"""A log with fewer rows than this shows nothing of a rig. Source: judgement."""
 
 
 RATES = (0.5, 2e4)
@@ -85,7 +83,7 @@ def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -
     columns, or their first `rows`; with the time `ROWS` where their `rate` is given [Hz].
 
     Raises:
-        LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST_ROWS` rows.
+        LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST` rows.
     """
     cells = open_table(path, None, TIME)
     if rows is not None:
@@ -133,7 +131,7 @@ def _wild(values: Floats) -> Bools:
     """
     wild = np.zeros(len(values), dtype=bool)
     there = np.flatnonzero(np.isfinite(values))
-    if len(there) < FEWEST_ROWS:
+    if len(there) < FEWEST:
         return wild
     present = values[there]
     width = float(np.ptp(np.quantile(present, USUAL_VALUES)))
@@ -144,10 +142,8 @@ def _wild(values: Floats) -> Bools:
 
 def check_rows(source: str, rows: int) -> None:
     """Raise a `LogError` where a log has too few rows to learn from."""
-    if rows < FEWEST_ROWS:
-        raise LogError(
-            f"{source}: {rows} rows are too few to learn a rig from; {FEWEST_ROWS} at least"
-        )
+    if rows < FEWEST:
+        raise LogError(f"{source}: {rows} rows are too few to learn a rig from; {FEWEST} at least")
 
 
 def _is_mostly_numeric(column: Column) -> bool:

@@ -34,7 +34,6 @@ from distal.errors import RigError
 from distal.from_logs.column_names import ColumnRole, longest_run
 from distal.from_logs.motion_data import (
     BETTER,
-    FEWEST_ROWS,
     THRESHOLDS,
     WITHIN,
     MotionData,
@@ -43,6 +42,7 @@ from distal.from_logs.motion_data import (
     scaled_solution,
 )
 from distal.logs import Log, jumps_away, said_of_jumps
+from distal.logs.raw_to_si import FEWEST
 from distal.regression import FEWEST_LOGS
 
 BLOCKS = 5
@@ -174,9 +174,9 @@ def folds_of(logs: Sequence[MotionData], drive: int, moving: bool = False) -> li
         if np.isfinite(effort).all():
             regressors.append(effort)
         usable = np.isfinite(log.angles).all(axis=1)
-        if moving and (usable & log.moves(drive)).sum() >= FEWEST_ROWS:
+        if moving and (usable & log.moves(drive)).sum() >= FEWEST:
             usable &= log.moves(drive)
-        if usable.sum() < FEWEST_ROWS:
+        if usable.sum() < FEWEST:
             continue
         folds.append(
             Fold(
@@ -460,7 +460,7 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     Raises:
         RigError: it is so unlike that no rig must be learned from all of them.
     """
-    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() >= FEWEST_ROWS]
+    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() >= FEWEST]
     if len(usable) < FEWEST_LOGS:
         return []
     drives = [folds_of(usable, d) for d in range(logs[0].positions.shape[1])]

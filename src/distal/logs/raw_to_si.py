@@ -32,11 +32,6 @@ is the end of a register.
 TURN = 2 * pi
 """One turn of a motor that is read in radians or degrees [rad]. Source: definition (full angle)."""
 
-BACK = 0.25
-"""Share of a jump by which a reading may differ from that before the jump, so that it came back
-[1]. Source: judgement.
-"""
-
 SMALLEST = 1e-9
 """Least room for a noise [m, rad]. Source: rounding (a product with zero stays zero)."""
 
@@ -180,11 +175,6 @@ class Encoder:
         turn = limits.turn
         has_last = isfinite(self._last)
         near = reading + turn * round((self._last - reading) / turn) if has_last else reading
-        before, _ = self._before
-        if isfinite(before):
-            back = before + remainder(reading - before, turn)
-            if abs(back - before) < BACK * abs(self._last - before):
-                near = back  # the reading between was a single wrong one
         kind: Kind | None = None
         # between two samples of the usual interval nobody can do better than the nearest turn
         silent = gap > limits.unusual * limits.interval and limits.fastest * gap >= turn / 2
@@ -695,7 +685,7 @@ def says_nothing(values: Floats) -> str | None:
 
 
 FEWEST = 50
-"""Least number of readings that say that an effort has no sign or one value. Source: judgement."""
+"""Least number of readings that say anything of a rig or of a sensor. Source: judgement."""
 
 NORMAL_MEDIAN = 0.6745
 """Median of absolute values of a normal error per its std [1]. Source: definition (75 % quantile).
