@@ -232,9 +232,9 @@ def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[
 
 def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     """ln o⁺ = ln o + n/2 (u(T²₀) − u(T²ₕ)) min(dt, τ)/τ, from ln p₀ to −ln p₀, where u(T²) = min(T²
-    + c b, c) and b is how far a position is beyond the logs, in ranges; beside a touch T²₀ is
-    at most 1 + ln c. Each sample asks one hypothesis: two positions are exchanged, all but one are
-    earlier, by what is kept, or one has another sign.
+    + c b, c) and b is how far a position is beyond the logs, in ranges; beside a touch T²₀ is at
+    most m + ln c, where m is the largest normal mean. Each sample asks one hypothesis: two
+    positions are exchanged, all but one are earlier, by what is kept, or one has another sign.
     """
     log = ropes_log(11, 6.0)
     log = changed(log, flexor_angle=late(log, "flexor_angle", 0.2))
@@ -275,7 +275,10 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     for h, readings in enumerate(supposed):
         theirs, _, _ = along(plain, log.time[h::n], readings[h::n])
         waits = np.diff(log.time[h::n], prepend=log.time[h])
-        costs = {"evidence": squares, "beside_touch": np.minimum(squares, 1.0 + np.log(MOST))}
+        costs = {
+            "evidence": squares,
+            "beside_touch": np.minimum(squares, part.learned.normal[-1] + np.log(MOST)),
+        }
         for name, cost in costs.items():
             gains = unlikely(cost[h::n], values[h::n]) - unlikely(theirs, readings[h::n])
             spans = np.minimum(waits / INDEPENDENT, ways[h::n] * waits / LATE)

@@ -39,11 +39,6 @@ MOST = 25.0
 (docs/results/reliability.md).
 """
 
-TOUCH = 1.0 + np.log(MOST)
-"""T² and normalisation of forces that a touch makes MOST times as uncertain [1]: as they are read
-they cost no more. Source: definition (density of a normal value).
-"""
-
 LATE = 0.2
 """Delay of a position that is supposed [s]. Source: benchmark (docs/results/reliability.md)."""
 
@@ -360,7 +355,9 @@ class _Part:
         spans = ca.fmin(ca.fmin(waited / INDEPENDENT, way), 1) * (age >= 0) * judged
         square, away = compared
         evidence = dict[str, VectorNode]()
-        for name, cost in (("evidence", square), ("beside_touch", ca.fmin(square, TOUCH))):
+        # a touch makes forces MOST times as uncertain: as they are read they cost no more
+        touched = ca.fmin(square, self.learned.normal[-1] + np.log(MOST))
+        for name, cost in (("evidence", square), ("beside_touch", touched)):
             gain = _unlikely(cost, away) - _unlikely(theirs, beyond)
             total = ca.if_else(begins, 0, was[name])
             total += chosen * spans * gain * len(self.learned.joints) / 2
