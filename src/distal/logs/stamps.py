@@ -318,7 +318,13 @@ def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
     steps = np.diff(time[rows])
     # of two runs some rows are nearer than half a step
     if len(ends) and 2.0 * np.diff(time[sorted_rows]).min() > np.median(steps[steps > 0.0]):
-        return sorted_rows  # they were written in another order
+        warnings.warn(
+            f"{source}: rows were not in the order of their stamps: sorted; did the clock begin "
+            "anew?",
+            DistalWarning,
+            stacklevel=3,
+        )
+        return sorted_rows
     return rows[longest_part(ends, len(rows), source)]
 
 
