@@ -107,6 +107,37 @@ def test_columns_whose_names_say_nothing_are_passed_over_beside_named_ones() -> 
     assert found["y_b [wibble]"].role == "other"
 
 
+def polish(seed: int) -> dict[str, np.ndarray]:
+    """Two motors and two joints in a language that no list has: angle, set angle and current of a
+    motor (silnik), and the angle of a joint (staw).
+    """
+    rng = np.random.default_rng(seed)
+    time = 0.02 * np.arange(600)
+    columns = {"czas_ms": 1000.0 * time}
+    for k in (1, 2):
+        rates = rng.uniform(0.3, 1.2, 3)
+        phases = rng.uniform(0.0, 6.0, 3)
+        wave = sum(20.0 * np.sin(r * time * 2.0 + p) for r, p in zip(rates, phases))
+        moved = np.interp(time - 0.04, time, wave)
+        columns[f"kat_silnika_{k}_deg"] = moved + rng.normal(0.0, 0.02, 600)
+        columns[f"kat_zadany_silnika_{k}_deg"] = np.asarray(wave)
+        columns[f"predkosc_silnika_{k}"] = np.gradient(moved, time)
+        columns[f"prad_silnika_{k}_mA"] = 5.0 * np.cos(wave / 20.0) + rng.normal(0.0, 1.0, 600)
+        columns[f"kat_stawu_{k}_deg"] = 0.6 * moved + rng.normal(0.0, 0.1, 600)
+    return columns
+
+
+def test_families_and_values_say_what_no_list_of_words_does() -> None:
+    logs = [RawLog(f"{seed}", polish(seed)) for seed in range(3)]
+    found = {c.header: c.role for c in column_roles(logs, NO_OVERRIDES)}
+    for k in (1, 2):
+        assert found[f"kat_silnika_{k}_deg"] == "position"
+        assert found[f"kat_zadany_silnika_{k}_deg"] == "command"
+        assert found[f"predkosc_silnika_{k}"] == "other"
+        assert found[f"prad_silnika_{k}_mA"] == "effort"
+        assert found[f"kat_stawu_{k}_deg"] == "angle"
+
+
 @pytest.mark.parametrize("others", ["position", "angle"])
 def test_an_encoder_of_a_finger_is_what_the_other_names_leave(others: str) -> None:
     """`encoder_mcp` may be that of a motor or of a joint."""

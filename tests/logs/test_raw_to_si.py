@@ -226,6 +226,31 @@ def test_one_number_alone_shows_no_flag(rig: Rig, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(came[:, 0]), np.diff(counts) * 2 * pi / 4096, atol=1e-9)
 
 
+@pytest.mark.parametrize("end", [65_535.0, 32_767.0, -32_768.0, 2.0**31 - 1])
+def test_the_end_of_a_register_is_missing(
+    rig: Rig, good: Floats, tmp_path: Path, end: float
+) -> None:
+    logged = good.copy()
+    logged[200:240] = end
+    came = one_by_one(rig, logged, tmp_path)
+    assert np.isnan(came[200:240]).all()
+    assert np.isfinite(came[:200]).all()
+    units = LogUnits(rig, CHANNELS)
+    units.sample(0.0, [100.0, 5.0])
+    units.sample(0.005, [end, 6.0])
+    assert [remark.kind for remark in units.remarks] == ["full"]
+
+
+def test_an_encoder_within_a_turn_of_16_bits_may_be_at_its_end(rig: Rig) -> None:
+    raw = rig.model_dump()
+    encoder, *others = raw["sensors"]
+    encoder = encoder | {"counts_per_turn": 65_536, "resolution": 2 * pi / 65_536}
+    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "fine"), CHANNELS)
+    for k, count in enumerate((65_533.0, 65_534.0, 65_535.0, 0.0, 1.0)):
+        came = units.sample(0.005 * k, [count, 10.0])[0]
+        assert came == pytest.approx((k - 3) * 2 * pi / 65_536)
+
+
 def test_a_drive_may_hunt_by_some_counts(rig: Rig, tmp_path: Path) -> None:
     hunts = 300.0 * np.sin(0.5 * TIME) + 3.0 * (-1.0) ** np.arange(N)
     logged = np.round(np.column_stack([hunts, 90.0 * np.cos(0.1 * np.arange(N))]))

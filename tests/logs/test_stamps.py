@@ -258,10 +258,23 @@ def test_times_of_day_in_other_forms(
     np.testing.assert_allclose(log.time, step * np.arange(40), atol=1e-9)
 
 
-def test_a_counter_of_32_bits_begins_anew(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
-    stamps = (2**32 - 150_000 + 10_000 * np.arange(40)) % 2**32
-    log = read(frame, stamps, rig, tmp_path / "log.csv", "us")
+@pytest.mark.parametrize(("bits", "step", "unit"), [(32, 10_000, "us"), (16, 10, "ms")])
+def test_a_counter_begins_anew(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, bits: int, step: int, unit: str
+) -> None:
+    stamps = (2**bits - 15 * step + step * np.arange(40)) % 2**bits
+    log = read(frame, stamps, rig, tmp_path / "log.csv", unit)
     np.testing.assert_allclose(np.diff(log.time), 0.01)
+
+
+def test_a_count_beyond_16_bits_is_no_counter_of_them(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
+    """The clock was set back by 2¹⁶ ms after it had counted beyond; what follows is another run."""
+    stamps = 65_530 + 10 * np.arange(40)
+    stamps[30:] -= 2**16
+    with pytest.warns(DistalWarning, match="did the clock begin anew"):
+        read(frame, stamps, rig, tmp_path / "log.csv", "ms")
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1 / 86400, "day")])

@@ -219,6 +219,7 @@ def test_it_is_the_same_each_time_and_holds_its_scores(learned: LearnedMap) -> N
     again = taught([moved(seed) for seed in range(4)])
     assert again == learned
     assert learned.logs == 4
+    assert learned.arrays["play"] == 1.0  # the plants' plays are among the widest
     assert 0.0 < learned.rms[0] < 0.01
     assert 0.9 < learned.inside[0] <= 1.0
 
