@@ -138,6 +138,21 @@ def test_families_and_values_say_what_no_list_of_words_does() -> None:
         assert found[f"kat_stawu_{k}_deg"] == "angle"
 
 
+def test_what_goes_as_another_columns_speed_is_no_position() -> None:
+    """`motor1_w` is called as a motor's position could be."""
+    columns = {"t_ms": polish(1)["czas_ms"]}
+    names = {
+        "kat_silnika_1_deg": "motor1_a",
+        "predkosc_silnika_1": "motor1_w",
+        "prad_silnika_1_mA": "motor1_mA",
+        "kat_stawu_1_deg": "joint1_deg",
+    }
+    columns |= {name: polish(1)[header] for header, name in names.items()}
+    found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert found["motor1_a"] == "position"
+    assert found["motor1_w"] == "other"
+
+
 @pytest.mark.parametrize("others", ["position", "angle"])
 def test_an_encoder_of_a_finger_is_what_the_other_names_leave(others: str) -> None:
     """`encoder_mcp` may be that of a motor or of a joint."""
