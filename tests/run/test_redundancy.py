@@ -211,7 +211,7 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
         memory = np.minimum(AVERAGED, AVERAGED[0] + compared)
         mean = mean + is_inside * step / memory * (square - mean)
     np.testing.assert_allclose(found, [*mean, compared], rtol=1e-6)
-    assert not np.allclose(mean, 1.0, atol=0.02)
+    assert not np.allclose(mean, 1.0, atol=0.05)
 
 
 @pytest.fixture(scope="module")
