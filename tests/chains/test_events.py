@@ -18,12 +18,12 @@ from distal.estimators.adaptive import Robustness
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
-    Tracks,
     track_function,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
+from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction
-from distal.estimators.adaptive.prediction import revert, shifted_variance
+from distal.estimators.adaptive.prediction import revert
 from distal.estimators.adaptive.touch import (
     CLOSING_TIME,
     FORCE,
@@ -163,12 +163,13 @@ def tracked(
     """
     step = track_function(CHAIN, judged=True)
     now, found = np.zeros(MEMORY), []
+    now[REMEMBERED.index("real")] = 1.0
     for value in readings:
         position, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
         effort = pulls * position
         of_force = [effort + off, READ, 2500.0, shown, 0.0, 0.1, effort]
-        now = np.array(step(now, [position, seen, 2.5e-11, 0.0, 0.0, 0.0, *of_force], dt)).ravel()
-        now = now[:MEMORY]
+        given = [position, seen, 2.5e-11, *np.zeros(6), *of_force]
+        now = np.array(step(now, given, dt)).ravel()[:MEMORY]
         found.append(dict(zip(REMEMBERED, now)))
     return found
 
@@ -185,52 +186,56 @@ def test_a_zero_that_jumps_is_taken_off_until_it_comes_back(jump: float) -> None
     np.testing.assert_allclose(
         [one["position"] for one in found], [0, 0, 0, 0, 2e-5, 0, 0, 0], atol=2e-6
     )
-    assert all(one["shift_std"] == 0.0 for one in found)
+    assert all(one["real"] < 1e-6 for one in found[2:6])
 
 
-def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
-    """Where a joint follows at once, only an interval too short for a drive to start and stop tells
-    of the zero.
-    """
-    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, shown=0.0)
-    assert found[1]["shift"] == pytest.approx(3e-3)
-    np.testing.assert_allclose(
-        [one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2)
-    )
-    assert found[3]["position"] == pytest.approx(0.0, abs=1e-9)
-    assert tracked([0.0] + [3e-3] * 8, 0.05, shown=0.0)[-1]["position"] == pytest.approx(
-        3e-3, rel=1e-3
-    )
+def test_what_nothing_can_judge_is_in_both_positions_until_it_stays() -> None:
+    """Where a joint follows at once its force tells nothing: a wild reading comes back."""
+    found = tracked([0.0] + [3e-3] * 8, 0.005, shown=0.0)
+    chances = np.array([one["real"] for one in found[1:]])
+    assert 0.09 < chances[0] < 0.11
+    assert np.all(np.diff(chances) >= 0.0)
+    assert chances[-1] == 1.0
+    first = found[1]
+    assert first["position"] == pytest.approx(chances[0] * 3e-3)
+    assert first["unknown"] == pytest.approx(chances[0] * (1 - chances[0]) * 3e-3**2)
+    assert found[-1]["position"] == pytest.approx(3e-3)
+    assert tracked([0.0, 3e-3, 3e-3], 0.05, shown=0.0)[-1]["position"] == pytest.approx(3e-3)
 
 
 def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:
-    """It sticks and slips: the force rises by 0.7 of what it would if the joint stood still, though
-    the model is off.
-    """
-    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0, off=-6.0)
+    """It sticks and slips: the force rises by 0.7 of what it would if the joint stood still."""
+    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0)
     assert all(one["shift"] == 0.0 for one in found)
-    assert found[1]["doubt"] > 0.0
-    assert all(
-        one["shift"] == 0.0 for one in tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0)
-    )
-    assert tracked([0.0, 3e-4], 0.005)[-1]["shift"] == 0.0  # too little for the force to show it
+    assert found[1]["position"] == pytest.approx(3e-3)
+    small = tracked([0.0, 6e-5], 0.005)[-1]  # too little for the force to show it
+    assert 0.01 < small["real"] < 0.2
 
 
 def test_a_drive_that_moves_on_has_not_lost_its_zero() -> None:
     ramp = [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3]
     found = tracked(ramp + [6e-3] * 40, 0.005, shown=0.0)
     assert found[1]["shift"] == pytest.approx(1e-3)
-    assert found[-1]["shift"] == 0.0
+    assert found[2]["shift"] == 0.0
+    assert found[2]["position"] == pytest.approx(2e-3)
     assert found[-1]["position"] == pytest.approx(6e-3, rel=1e-3)
 
 
-def test_an_angle_is_as_unsure_as_the_zero_of_its_drive() -> None:
-    context = AdaptiveFilter(load_rig("wrist-instrument"), compiled=False).states.context
-    vector = ca.MX.zeros(Tracks.size(3))
-    vector[REMEMBERED.index("shift_std")] = 0.2
-    p = ca.MX(ca.DM(context.mechanism.parameters.values))
-    found = [float(ca.evalf(shifted_variance(context, j, vector, p))) for j in range(3)]
-    np.testing.assert_allclose(found, [(0.2 * 6e-3 / 5e-3) ** 2, 0.0, 0.0], rtol=1e-9)
+def test_an_angle_is_in_both_places_of_its_drive() -> None:
+    """A drive of 6 mm whose joint has 5 mm may have jumped by 0.2: p (1 − p) s² of it, (31)."""
+    filtered = AdaptiveFilter(load_rig("wrist-instrument"), compiled=False)
+    function = adaptive_function(filtered.states)
+    layout = adaptive_layout(filtered.states)
+    state = np.zeros(layout.size)
+    drive = state[layout["drives"]][:MEMORY]
+    for name, value in (("position", 0.06), ("shift", 0.2), ("real", 0.3), ("unknown", 0.0084)):
+        drive[REMEMBERED.index(name)] = value
+    state[layout["drives"].start : layout["drives"].start + MEMORY] = drive
+    told = filtered._tracked(function)(state, filtered.parameters)
+    off, real, chance, beside, believed, spreads = (np.array(part).ravel() for part in told)
+    assert (off[0], real[0], chance[0], beside[0]) == pytest.approx((0.0, 0.2, 0.3, 0.0), abs=1e-12)
+    assert np.all(believed == 1.0)
+    assert spreads == pytest.approx([0.21 * (0.2 * 6e-3 / 5e-3) ** 2, 0.0, 0.0], rel=1e-9)
 
 
 def finger_log(torque: float) -> Log:

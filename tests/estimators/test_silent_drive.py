@@ -22,7 +22,7 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     step = track_function(Robustness.usual(1), judged=False)
     now, found = np.zeros(MEMORY), []
     for _ in range(200):
-        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(8)]
+        silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(11)]
         now = np.array(step(now, silent, dt)).ravel()[:MEMORY]
         found.append(now[4])
     time = dt * np.arange(1, 201)
@@ -81,12 +81,12 @@ def test_what_a_drive_usually_does_is_not_far_and_how_far_a_lost_one_goes(usual:
         now = np.zeros(MEMORY)
         for value in readings:
             seen = [0.0, MISSING] if np.isnan(value) else [value, READ]
-            rest = [noise, 1e9, 0.0, usual**2, *np.zeros(7)]
+            rest = [noise, 1e9, 0.0, usual**2, *np.zeros(10)]
             now = np.array(step(now, [*seen, *rest], dt)).ravel()[:MEMORY]
         return now
 
-    doubt, unknown = (REMEMBERED.index(name) for name in ("doubt", "unknown"))
+    shift, unknown = (REMEMBERED.index(name) for name in ("shift", "unknown"))
     begins = after([0.0, 0.0, 3 * 0.3 * dt])
-    assert (begins[doubt] > 0.0) == (usual == 0.0)
+    assert (begins[shift] > 0.0) == (usual == 0.0)
     lost = after([0.0, 0.0, *[np.nan] * 20])
     assert lost[unknown] == pytest.approx((20 * usual * dt) ** 2 + noise)

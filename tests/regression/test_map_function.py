@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from distal.regression import Shape, map_function, map_parameters
+from distal.regression import (
+    INDEPENDENT,
+    MOST,
+    JudgedJumps,
+    Shape,
+    forces_parameters,
+    map_function,
+    map_parameters,
+    whitening,
+)
 from distal.regression.features import features_function
 from distal.rig import HALF_WIDTHS, TIME_CONSTANTS, LearnedMap
 from tests.learned_maps import drawn_map
@@ -22,7 +32,9 @@ def run(learned: LearnedMap, rows: np.ndarray, mask: np.ndarray) -> list[tuple[n
     for row, there in zip(rows, mask):
         values, gains, variances, memory = (
             np.array(part).ravel()
-            for part in function(memory, DT, row, there, map_parameters(learned), 0.0)
+            for part in function(
+                memory, DT, row, there, map_parameters(learned), 0.0, row[: shape.channels], 0.0
+            )
         )
         found.append((values, gains, variances, memory))
     return found
@@ -100,7 +112,9 @@ def test_what_is_missing_widens_the_band_with_its_age() -> None:
 def _without_age(learned: LearnedMap, at: tuple[np.ndarray, ...], row: np.ndarray) -> float:
     """Return the variance at the same memory if all is read."""
     function = map_function(Shape.of(learned), 1)
-    _, _, variances, _ = function(at[3], 0.0, row, np.ones(2), map_parameters(learned), 0.0)
+    _, _, variances, _ = function(
+        at[3], 0.0, row, np.ones(2), map_parameters(learned), 0.0, row[:2], 0.0
+    )
     return float(variances)
 
 
@@ -117,6 +131,75 @@ def _radial_slope(learned: LearnedMap, row: np.ndarray, at: tuple[np.ndarray, ..
     step = np.zeros(len(parts["inputs"]))
     step[1] = 1e-5 / arrays["lengths"][1]
     return (radial(parts["inputs"] + step) - radial(parts["inputs"] - step)) / 2e-5
+
+
+def test_a_map_is_in_both_places_of_its_readings() -> None:
+    """The mean and the variance of two values with chances 0.7 and 0.3."""
+    learned = drawn_map(("a", "b"), ("x", "f"), False)
+    shape = Shape.of(learned)
+    function = map_function(shape, 2)
+    one, other = np.array([0.3, -0.2]), np.array([1.1, -0.2])
+    arguments = (np.ones(2), map_parameters(learned), 0.0)
+    memory = np.zeros(shape.memory.size)
+
+    def at(first: np.ndarray, second: np.ndarray, chance: float) -> list[np.ndarray]:
+        told = function(memory, DT, first, *arguments, second, chance)
+        return [np.array(part).ravel() for part in told]
+
+    alone, elsewhere, both = at(one, one, 0.0), at(other, other, 0.0), at(one, other, 0.3)
+    apart = elsewhere[0] - alone[0]
+    np.testing.assert_allclose(both[0], alone[0] + 0.3 * apart)
+    np.testing.assert_allclose(both[2], alone[2] + 0.21 * apart**2)
+    np.testing.assert_allclose(both[3], alone[3])
+
+
+def test_forces_say_which_reading_is_right() -> None:
+    """T² by hand at both readings, each with plays of its own from the jump on."""
+    learned = drawn_map(("f", "g"), ("x",), False)
+    learned = learned.model_copy(update={"rms": (0.2, 0.3)})
+    judge = JudgedJumps.among([learned], ["x", "f", "g"])[0]
+    shape = judge.shape
+    parameters = forces_parameters(learned)
+    assert JudgedJumps.among([learned], ["x", "f"]) == []
+
+    def square(memory: np.ndarray, x: float, forces: list[float]) -> tuple[float, np.ndarray]:
+        outputs, after = features_function(shape)(memory, DT, x, 1.0, frame_of(learned, shape))
+        parts = {name: np.array(v).ravel() for name, v in shape.outputs.parts(outputs).items()}
+        errors = np.array(forces) - learned.arrays["mean"] @ parts["features"]
+        for j in range(2):
+            turns = slopes_of_slips(learned, parts["features"], parts, j)
+            errors[j] /= np.sqrt(learned.rms[j] ** 2 + (turns @ parts["doubt"]) ** 2 / 3)
+        whitened = whitening(learned.arrays["correlation"]) @ errors
+        return float(whitened @ whitened / 2), np.array(after).ravel()
+
+    size = shape.memory.size
+    start = np.array(judge.begun(ca.DM([0.1]), ca.DM([1]))).ravel()
+    memory, (off, real) = start, (start[:size], start[size:])
+    for x, jumped in ((0.12, 0.12), (0.13, 0.9), (0.14, 0.91)):
+        forces = [0.3, -0.1]
+        told, after = judge.evidence(
+            ca.DM(memory),
+            ca.DM(DT),
+            ca.DM([x, *forces]),
+            ca.DM([jumped, *forces]),
+            ca.DM.ones(3),
+            ca.DM(parameters),
+        )
+        (one, off), (other, real) = square(off, x, forces), square(real, jumped, forces)
+        real = off if jumped == x else real
+        expected = 2 * DT / INDEPENDENT / 2 * (min(one, MOST) - min(other, MOST))
+        assert float(told) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+        memory = np.array(after).ravel()
+        np.testing.assert_allclose(memory, np.concatenate([off, real]))
+    missing = judge.evidence(
+        ca.DM(memory),
+        ca.DM(DT),
+        ca.DM([0.2, 0.3, 0.0]),
+        ca.DM([0.9, 0.3, 0.0]),
+        ca.DM([1, 1, 0]),
+        ca.DM(parameters),
+    )
+    assert float(missing[0]) == 0.0
 
 
 def test_there_is_a_width_that_enters_the_radial_functions() -> None:

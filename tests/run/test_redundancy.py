@@ -15,22 +15,19 @@ from distal.errors import RigError
 from distal.fitting.learn_free_motion import efforts_of
 from distal.fitting.result import write_fitted
 from distal.kernels import Feed, advance
-from distal.regression import features_along
+from distal.regression import INDEPENDENT, MOST, features_along, whitening
 from distal.regression.features import Shape
 from distal.run import JointContact
 from distal.run.health import Health, begun, watch_of
 from distal.run.redundancy import (
     AVERAGED,
-    INDEPENDENT,
     KEPT,
     LATE,
     LATER,
-    MOST,
     PRIOR,
     Redundancy,
     _kernel,
     unlike_free_motion,
-    whitening,
 )
 from tests.support.foreign_plants import finger_log, finger_rig
 from tests.support.hands_plants import ropes_log, ropes_rig

@@ -34,9 +34,10 @@ from distal.diagnosis.innovation_tests import (
 from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
+from distal.regression import MOST
 from distal.rig import Rig
 from distal.run.offline import out_of_bounds, prepared
-from distal.run.redundancy import MOST, Redundancy
+from distal.run.redundancy import Redundancy
 
 MOST_SAMPLES = 6000
 """Largest number of samples of a log over which the filter runs with changes, the first ones: a

@@ -16,7 +16,9 @@ from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     begun_alone,
     believed_alone,
+    branches,
     judged_by,
+    with_evidence,
 )
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import Channels, channels_of
@@ -26,9 +28,11 @@ from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
 from distal.parallel import one_blas_thread
 from distal.regression import (
+    JudgedJumps,
     Samples,
     Shape,
     begun_by,
+    forces_parameters,
     from_window,
     given,
     map_function,
@@ -146,10 +150,13 @@ class RegressionEstimator(KernelEstimator):
         of_maps = [map_parameters(learned) for learned in maps]
         described = self.rig.with_map(readings=maps)
         of_positions = [judged_by(described, sensor) for sensor in self._sensors.positions]
-        self._p = frozen(np.concatenate([*of_maps, *of_positions]))
+        efforts = () if self.rig.map is None else self.rig.map.efforts
+        self._judges = JudgedJumps.among(efforts, self.channels)
+        of_judges = [forces_parameters(each.learned) for each in self._judges]
+        self._p = frozen(np.concatenate([*of_maps, *of_positions, *of_judges]))
         self._begin = None
         if self._kernel is None:
-            function = regression_function(maps, self._sensors, self.rig.joint_names)
+            function = regression_function(maps, self._judges, self._sensors, self.rig.joint_names)
             self._kernel = Kernel(function, self._compiled)
 
     @one_blas_thread()
@@ -227,11 +234,17 @@ class RegressionEstimator(KernelEstimator):
             begun_alone(self.rig, sensor, values[k], is_read(mask[k]))
             for k, sensor in enumerate(self._sensors.positions)
         ]
+        for each in self._judges:
+            at = list(each.positions)
+            memories.append(each.begun(values[at], mask[at]))
         return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
 def regression_function(
-    maps: Sequence[LearnedMap], channels: Channels, joints: Sequence[str]
+    maps: Sequence[LearnedMap],
+    judges: Sequence[JudgedJumps],
+    channels: Channels,
+    joints: Sequence[str],
 ) -> ca.Function:
     """Return the estimator's function (kernel_state, x, p) → (kernel_state⁺, y) for maps of the
     `joints` on readings of the `channels`. A position is as the filter's `track_function` believes
@@ -243,23 +256,45 @@ def regression_function(
     positions = len(channels.positions)
     shapes = [Shape.of(learned) for learned in maps]
     memories = sum(shape.memory.size for shape in shapes)
-    layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions)
+    judged_size = sum(each.size for each in judges)
+    layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions, judges=judged_size)
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
     sizes = [map_layout(shape, len(of.joints)).size for shape, of in zip(shapes, maps)]
-    p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions)
+    of_judges = sum(each.parameters for each in judges)
+    p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions + of_judges)
     p_left = p
     readings = x[1 : 1 + width]
     masks = x[1 + width :]
     drives = list[VectorNode]()
+    others = ca.MX(readings)
+    doubts = ca.MX.zeros(width)
+    chance = ca.MX(0)
+    at = sum(sizes)
     for k in range(positions):
-        at = sum(sizes) + JUDGED.size * k
         was = kernel_state[layout["drives"]][MEMORY * k : MEMORY * (k + 1)]
         judged = p[at : at + JUDGED.size]
-        position, is_sure, after_it = believed_alone(was, x[0], x[1 + k], x[1 + width + k], judged)
-        readings[k] = position
-        masks[channels.of_message(k)] *= is_sure
+        at += JUDGED.size
+        after_it = believed_alone(was, x[0], x[1 + k], x[1 + width + k], judged)
+        found = branches(after_it)
+        readings[k] = found["off"]
+        others[k] = found["real"]
+        doubts[k] = found["variance"]
+        chance = ca.fmax(chance, found["chance"])
+        masks[channels.of_message(k)] *= found["believed"]
         drives.append(after_it)
+    judged_memories = []
+    begin = 0
+    for each in judges:
+        memory = kernel_state[layout["judges"]][begin : begin + each.size]
+        begin += each.size
+        told, left = each.evidence(
+            memory, x[0], readings, others, masks, p[at : at + each.parameters]
+        )
+        at += each.parameters
+        judged_memories.append(left)
+        for k in each.positions:
+            drives[k] = with_evidence(drives[k], told)
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
@@ -276,13 +311,19 @@ def regression_function(
             readings[columns],
             masks[columns],
             parameters,
-            ca.MX.zeros(shape.channels),
+            doubts[columns],
+            others[columns],
+            chance,
         )
         stds = ca.sqrt(variances)
         mean[rows] = values
         spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
         after.append(following)
     following = layout.joined(
-        mean=mean, covariance=spread, map=ca.vertcat(*after), drives=ca.vertcat(*drives)
+        mean=mean,
+        covariance=spread,
+        map=ca.vertcat(*after),
+        drives=ca.vertcat(*drives),
+        judges=ca.vertcat(ca.MX(0, 1), *judged_memories),
     )
     return ca.Function("regression", [kernel_state, x, p], [following, ca.MX.zeros(1)])

@@ -12,9 +12,9 @@ from distal.confidence import COVERED
 from distal.estimators import channels_of, parts_of
 from distal.fitting.learned_maps import learned_map
 from distal.logs import Log
-from distal.regression import FEWEST_LOGS, Samples
+from distal.regression import FEWEST_LOGS, Samples, whitening
 from distal.rig import LearnedMap, MapArrays, Rig
-from distal.run.redundancy import NORMAL, means_along, whitening
+from distal.run.redundancy import NORMAL, means_along
 
 USUAL_SPREAD = 0.4
 """Std over the logs of a rig of the natural logarithm of a log's largest mean of T² [1]. Source:

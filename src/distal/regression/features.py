@@ -7,9 +7,9 @@ A learned map as a CasADi function of one sample, with a memory between samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 
 import casadi as ca
 import numpy as np
@@ -335,8 +335,8 @@ def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Exp
 
 @lru_cache(maxsize=32)
 def map_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function of a map: (memory, dt, readings, mask, parameters, doubts) → (values,
-    gains, variances, memory⁺).
+    """Return the function of a map: (memory, dt, readings, mask, parameters, doubts, others,
+    chance) → (values, gains, variances, memory⁺).
 
     A value is φᵀ m. Its variance is φᵀ C φ + σ² + s_r² (what no radial function explains) + (Σ_i
     |∂y/∂slip_i| d_i)²/3, d_i being the half-width of the interval in which a slip lies, + Σ_i
@@ -351,7 +351,8 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
     mask = ca.MX.sym("mask", shape.channels)
     layout = map_layout(shape, joints)
     parameters = ca.MX.sym("parameters", layout.size)
-    doubts = ca.MX.sym("doubts", shape.channels)
+    doubts, others = (ca.MX.sym(name, shape.channels) for name in ("doubts", "others"))
+    chance = ca.MX.sym("chance")
     of = layout.parts(parameters)
     outputs, after = features_function(shape)(memory, dt, readings, mask, of["frame"])
     out = shape.outputs.parts(outputs)
@@ -369,8 +370,167 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
             ca.fmax(spread, 0) + of["noise"][j] + of["radial"][j] * out["far"] + beside
         )
     values = ca.mtimes(of["mean"].T, phi)
-    results = [values, of["filter"], ca.vertcat(*variances), after]
-    return ca.Function("map", [memory, dt, readings, mask, parameters, doubts], results)
+    instead = ca.MX(readings)
+    instead[: shape.channels] = others
+    elsewhere, _ = features_function(shape)(memory, dt, instead, mask, of["frame"])
+    there = ca.mtimes(of["mean"].T, shape.outputs.part(elsewhere, "features")) - values
+    spreads = ca.vertcat(*variances) + chance * (1 - chance) * there**2
+    results = [values + chance * there, of["filter"], spreads, after]
+    inputs = [memory, dt, readings, mask, parameters, doubts, others, chance]
+    return ca.Function("map", inputs, results)
+
+
+def forces_layout(shape: Shape, forces: int) -> Layout:
+    """Return the layout of the numbers of `forces_function`."""
+    n = shape.features.size
+    return Layout(frame=shape.frame.size, mean=(n, forces), rms=forces, whitener=(forces, forces))
+
+
+def forces_parameters(learned: LearnedMap) -> Floats:
+    """Return the parameters of `forces_function`, (n_p,)."""
+    arrays = learned.arrays
+    parts = (
+        arrays["mean"].ravel(),
+        np.array(learned.rms),
+        whitening(arrays["correlation"]).ravel(order="F"),
+    )
+    return np.concatenate([Shape.of(learned).flat(arrays.by_name), *parts])
+
+
+@lru_cache(maxsize=32)
+def forces_function(shape: Shape, forces: int) -> ca.Function:
+    """Return the function (memory, dt, positions, mask, forces, parameters) → (T², memory⁺): how
+    unlike free motion the forces are at these positions, T² = eᵀ Σ⁻¹ e/n.
+    """
+    memory = ca.MX.sym("memory", shape.memory.size)
+    dt = ca.MX.sym("dt")
+    positions, mask = (ca.MX.sym(name, shape.channels) for name in ("positions", "mask"))
+    read = ca.MX.sym("forces", forces)
+    layout = forces_layout(shape, forces)
+    parameters = ca.MX.sym("parameters", layout.size)
+    of = layout.parts(parameters)
+    outputs, after = features_function(shape)(memory, dt, positions, mask, of["frame"])
+    out = shape.outputs.parts(outputs)
+    errors = []
+    for k in range(forces):
+        mean = of["mean"][:, k]
+        # at first nobody knows on which side of its play a drive is
+        beside = variance_beside(
+            shape, mean, out, shape.frame.parts(of["frame"]), ca.MX.zeros(shape.channels)
+        )
+        error = read[k] - ca.dot(mean, out["features"])
+        errors.append(error / ca.sqrt(of["rms"][k] ** 2 + beside))
+    square = ca.sumsqr(ca.mtimes(of["whitener"], ca.vertcat(*errors))) / forces
+    return ca.Function("forces", [memory, dt, positions, mask, read, parameters], [square, after])
+
+
+def whitening(correlation: Floats) -> Floats:
+    """Return W with Wᵀ W = C⁻¹ for a correlation C, (n, n)."""
+    rounding = 1e-9 * np.eye(len(correlation))
+    return np.linalg.inv(np.linalg.cholesky(correlation + rounding))
+
+
+INDEPENDENT = 0.5
+"""Time over which errors of forces are independent in motion [s]. Source: benchmark
+(docs/results/reliability.md).
+"""
+
+MOST = 25.0
+"""Upper limit of one T² [1], so that no single value decides. Source: benchmark
+(docs/results/reliability.md).
+"""
+
+
+@dataclass(frozen=True)
+class JudgedJumps:
+    """A map of forces that says which of two readings is right: as they are if the last jumps were
+    none of the drives, or if they were real.
+
+    Args:
+        learned: the map.
+        positions: indices of its positions among the channels.
+        forces: indices of its forces.
+    """
+
+    learned: LearnedMap
+    positions: tuple[int, ...]
+    forces: tuple[int, ...]
+
+    @classmethod
+    def among(cls, maps: Sequence[LearnedMap], channels: Sequence[str]) -> list[JudgedJumps]:
+        """Return those of maps whose sensors are all among the channels."""
+        at = list(channels).index
+        return [
+            cls(m, tuple(map(at, m.channels)), tuple(map(at, m.joints)))
+            for m in maps
+            if {*m.joints, *m.channels} <= set(channels)
+        ]
+
+    @property
+    def shape(self) -> Shape:
+        """The shape of its map."""
+        return Shape.of(self.learned)
+
+    @property
+    def size(self) -> int:
+        """Length of its memory: of the features at either reading."""
+        return 2 * self.shape.memory.size
+
+    def begun(self, positions: Expression, mask: Expression) -> Expression:
+        """Return its memory before the first sample."""
+        memory = begun_by(self.learned, positions, mask)
+        return ca.vertcat(memory, memory)
+
+    @property
+    def parameters(self) -> int:
+        """Number of its parameters."""
+        return forces_layout(self.shape, len(self.forces)).size
+
+    def evidence(
+        self,
+        memory: VectorNode,
+        dt: VectorNode,
+        off: VectorNode,
+        real: VectorNode,
+        mask: VectorNode,
+        parameters: VectorNode,
+    ) -> tuple[VectorNode, VectorNode]:
+        """Return the logarithm of the likelihood ratio of the `real` readings to those that are
+        `off`, and the memory⁺, by a sample.
+        """
+        positions, forces = list(self.positions), list(self.forces)
+        function = forces_function(self.shape, len(forces))
+        there = mask[positions]
+        # what plays remember differs from the jump on, and is the same while there is none
+        was, was_real = ca.vertsplit(memory, self.shape.memory.size)
+        of_off, after = function(was, dt, off[positions], there, off[forces], parameters)
+        of_real, after_real = function(
+            was_real, dt, real[positions], there, off[forces], parameters
+        )
+        differs = reduce(ca.fmax, ca.vertsplit(off[positions] != real[positions]))
+        after = ca.vertcat(after, ca.if_else(differs, after_real, after))
+        is_read = reduce(ca.fmin, ca.vertsplit(mask[[*positions, *forces]] > 0))
+        return is_read * likelihood_ratio(of_off, of_real, len(forces), dt), after
+
+
+MOST_EVIDENCE = 50.0
+"""Largest logarithm of odds [1]: e⁵⁰ is certain. Source: rounding (overflow of the exponential
+function).
+"""
+
+
+def added(evidence: Expression, told: Expression) -> Expression:
+    """Return the logarithm of odds after more evidence, within `MOST_EVIDENCE`."""
+    total: Expression = ca.fmin(ca.fmax(evidence + told, -MOST_EVIDENCE), MOST_EVIDENCE)
+    return total
+
+
+def likelihood_ratio(one: VectorNode, other: VectorNode, forces: int, dt: VectorNode) -> VectorNode:
+    """Return the logarithm of the likelihood of a sample that has T² `other` over that of one that
+    has T² `one`, by so many forces.
+    """
+    count = forces * ca.fmin(dt / INDEPENDENT, 1) / 2
+    return count * (ca.fmin(one, MOST) - ca.fmin(other, MOST))
 
 
 def variance_beside(

@@ -360,8 +360,11 @@ def rates_of(logs: Sequence[Samples], scale: Floats) -> Floats:
     """
     fastest = np.zeros(len(scale))
     for log in logs:
-        speeds = np.abs(np.diff(log.every, axis=0)) / np.diff(log.time)[:, None]
-        fastest = np.fmax(fastest, np.fmax.reduce(speeds, axis=0, initial=0.0))
+        speeds = np.diff(log.every, axis=0) / np.diff(log.time)[:, None]
+        # a wild reading goes there and back: a motion goes on for two samples
+        goes_on = speeds[1:] * speeds[:-1] > 0.0
+        lasting = np.where(goes_on, np.fmin(np.abs(speeds[1:]), np.abs(speeds[:-1])), 0.0)
+        fastest = np.fmax(fastest, np.fmax.reduce(lasting, axis=0, initial=0.0))
     return np.asarray(fastest / scale / BAND)
 
 

@@ -15,7 +15,14 @@ import casadi as ca
 from distal.expressions import VectorNode
 from distal.kernels import Layout
 from distal.kernels.layout import is_read
-from distal.regression.features import Shape, features_function, map_function, map_layout
+from distal.regression.features import (
+    JudgedJumps,
+    Shape,
+    added,
+    features_function,
+    map_function,
+    map_layout,
+)
 from distal.rig import LearnedMap
 
 
@@ -53,9 +60,9 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def homed_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function (memory, dt, readings, mask, parameters, doubts, targets, given, beside)
-    → (values, gains, variances, memory⁺): that of `map_function` with the weights of the memory,
-    which known targets condition first.
+    """Return the function (memory, dt, readings, mask, parameters, doubts, others, chance, targets,
+    given, beside) → (values, gains, variances, memory⁺): that of `map_function` with the weights of
+    the memory, which known targets condition first.
 
     With φ of this sample, one feature more that is 1 for the constant error o of what is known, the
     innovation ν = target − φᵀ m − o and S = (φ, 1)ᵀ C (φ, 1) + R: m⁺ = m + C (φ, 1) ν/S and C⁺ = C
@@ -75,7 +82,8 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     readings = ca.MX.sym("readings", shape.count)
     mask = ca.MX.sym("mask", shape.channels)
     parameters = ca.MX.sym("parameters", map_layout(shape, joints).size)
-    doubts = ca.MX.sym("doubts", shape.channels)
+    doubts, others = (ca.MX.sym(name, shape.channels) for name in ("doubts", "others"))
+    chance = ca.MX.sym("chance")
     targets, is_given, beside = (ca.MX.sym(name, joints) for name in ("targets", "given", "beside"))
     was = layout.parts(memory)
     of = map_layout(shape, joints).parts(parameters)
@@ -107,7 +115,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     weights = {name: covariance[:n, :n] for name, covariance in covariances.items()}
     with_weights = map_layout(shape, joints).joined(**{**of, "mean": mean[:n, :], **weights})
     values, gains, variances, after = map_function(shape, joints)(
-        was["map"], dt, readings, mask, with_weights, doubts
+        was["map"], dt, readings, mask, with_weights, doubts, others, chance
     )
     following = layout.joined(
         map=after,
@@ -118,7 +126,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     )
     return ca.Function(
         "homed_map",
-        [memory, dt, readings, mask, parameters, doubts, targets, is_given, beside],
+        [memory, dt, readings, mask, parameters, doubts, others, chance, targets, is_given, beside],
         [values, gains, variances, following],
     )
 
@@ -175,6 +183,8 @@ def reporting_function(
     variances: Sequence[int],
     touched: Sequence[int] = (),
     tracked: ca.Function | None = None,
+    judges: Sequence[JudgedJumps] = (),
+    evidence: Sequence[int] = (),
 ) -> ca.Function:
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also reports
     some of its states with learned maps.
@@ -203,9 +213,11 @@ def reporting_function(
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
-    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(placed.size for placed in maps))
+    sizes = [*(placed.size for placed in maps), *(each.size for each in judges)]
+    numbers = [*(placed.parameters for placed in maps), *(each.parameters for each in judges)]
+    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(sizes))
     x = ca.MX.sym("x", inner.size1_in(1))
-    p = ca.MX.sym("p", n_parameters + sum(placed.parameters for placed in maps))
+    p = ca.MX.sym("p", n_parameters + sum(numbers))
     width = (x.numel() - 1) // 2
     read = ca.MX(x)
     for home in {home for placed in maps for home in placed.homes}:
@@ -217,13 +229,20 @@ def reporting_function(
     number = n_parameters
     doubts = ca.MX.zeros(width)
     readings = x[1 : 1 + width]
+    others = x[1 : 1 + width]
     masks = x[1 + width :]
+    chance = ca.MX(0)
+    of_joints = ca.MX.zeros(len(variances))
     if tracked is not None:
-        tracks, variances_of_tracks, believed = tracked(following, p[:n_parameters])
+        tracks, elsewhere, chance, variances_of_tracks, believed, of_joints = tracked(
+            following, p[:n_parameters]
+        )
         readings[: tracks.numel()] = tracks
+        others[: tracks.numel()] = elsewhere
         doubts[: tracks.numel()] = variances_of_tracks
         masks *= believed
-    opened = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
+    # what the logs taught of the filter's errors holds neither in a touch nor after a jump
+    opened = reduce(ca.fmax, (following[at] for at in touched), 4 * chance * (1 - chance))
     for placed in maps:
         inputs: list[VectorNode] = [
             readings[i]
@@ -238,7 +257,21 @@ def reporting_function(
         memory = kernel_state[at : at + placed.size]
         parameters = p[number : number + placed.parameters]
         of_doubt = doubts[list(placed.channels)]
-        arguments = [memory, x[0], ca.vertcat(*inputs), mask, parameters, of_doubt]
+        of_others = others[list(placed.channels)]
+        of_chance = chance
+        if placed.learned.beside_filter:
+            of_others = ca.vertcat(*inputs[: placed.shape.channels])
+            of_chance = 0
+        arguments = [
+            memory,
+            x[0],
+            ca.vertcat(*inputs),
+            mask,
+            parameters,
+            of_doubt,
+            of_others,
+            of_chance,
+        ]
         if placed.homes:
             homes = list(placed.homes)
             given = x[[1 + i for i in homes]]
@@ -253,7 +286,7 @@ def reporting_function(
             values, gains, spreads, after = map_function(placed.shape, placed.joints)(*arguments)
         if placed.learned.beside_filter:
             # while touched, nobody knows whether the map still holds
-            spreads = spreads + opened * values**2
+            spreads = spreads + opened * values**2 + of_joints[list(placed.states)]
             gains = (1 - opened) * gains + opened
             values = angles + values
         else:
@@ -264,6 +297,18 @@ def reporting_function(
         memories.append(after)
         at += placed.size
         number += placed.parameters
+    following = ca.MX(following)
+    for each in judges:
+        memory = kernel_state[at : at + each.size]
+        told, after = each.evidence(
+            memory, x[0], readings, others, masks, p[number : number + each.parameters]
+        )
+        for k in each.positions:
+            has_jumped = readings[k] != others[k]
+            following[evidence[k]] = added(following[evidence[k]], told * has_jumped)
+        memories.append(after)
+        at += each.size
+        number += each.parameters
     reports = [part for of_states in answers.values() for part in _pooled(opened, *of_states)]
     return ca.Function(
         "reporting",

@@ -22,9 +22,10 @@ from distal.estimators import TOUCHED, KernelEstimator
 from distal.estimators.read_channels import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
+from distal.regression import MOST
 from distal.rig import FAR, RangeEnd, Role, measurand_of, position_range, range_ends, step_of
 from distal.run.offline import priors_of
-from distal.run.redundancy import MOST, Redundancy
+from distal.run.redundancy import Redundancy
 
 Health = Literal[
     "ok",

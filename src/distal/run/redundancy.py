@@ -21,12 +21,22 @@ from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
     believed_alone,
+    branches,
     judged_by,
+    with_evidence,
 )
 from distal.expressions import Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log
-from distal.regression import Shape, begun_by, features_function, variance_beside
+from distal.regression import (
+    INDEPENDENT,
+    MOST,
+    Shape,
+    begun_by,
+    forces_function,
+    forces_parameters,
+    likelihood_ratio,
+)
 from distal.rig import LearnedMap, Rig
 
 AVERAGED = (1.0, 30.0)
@@ -34,21 +44,11 @@ AVERAGED = (1.0, 30.0)
 the second. Source: benchmark (docs/results/reliability.md).
 """
 
-MOST = 25.0
-"""Upper limit of one T² [1], so that no single value decides. Source: benchmark
-(docs/results/reliability.md).
-"""
-
 LATE = 0.2
 """Delay of a position that is supposed [s]. Source: benchmark (docs/results/reliability.md)."""
 
 KEPT = 4
 """Number of readings that are kept over that delay [1]. Source: benchmark
-(docs/results/reliability.md).
-"""
-
-INDEPENDENT = 0.5
-"""Time over which errors of forces are independent in motion [s]. Source: benchmark
 (docs/results/reliability.md).
 """
 
@@ -199,18 +199,27 @@ class Redundancy:
         at = self.memory - MEMORY * len(self.judged)
         tracks = list[VectorNode]()
         values = ca.MX(came["values"])
+        others = ca.MX(came["values"])
+        shifted = ca.MX.zeros(len(self.channels))
+        lasting = ca.MX.zeros(len(self.channels))
         masks = ca.MX(came["mask"])
         for k, judged_with, message in self.judged:
             was_there = memory[at : at + MEMORY]
             at += MEMORY
             begun = ca.MX.zeros(MEMORY)
             begun[REMEMBERED.index("position")] = values[k]
+            begun[REMEMBERED.index("real")] = 1
             was_there = ca.if_else(came["first"], begun, was_there)
-            position, is_sure, track = believed_alone(
+            track = believed_alone(
                 was_there, came["dt"], values[k], masks[k], ca.MX(ca.DM(judged_with))
             )
-            values[k] = position
-            masks[list(message)] *= is_sure
+            found = branches(track)
+            is_real = found["chance"] > 0.5
+            values[k] = ca.if_else(is_real, found["real"], found["off"])
+            others[k] = ca.if_else(is_real, found["off"], found["real"])
+            lasting[k] = found["lasts"]
+            shifted[k] = ca.if_else(found["off"] == found["real"], 0, 2 * is_real - 1)
+            masks[list(message)] *= found["believed"]
             tracks.append(track)
         came = {**came, "values": values, "mask": masks}
         at = 0
@@ -223,6 +232,14 @@ class Redundancy:
                 was["features"], came["first"], came["dt"], read, mask
             )
             is_read = _every(mask)
+            # which of both readings of a position that jumped is right
+            instead, _, left_there = part.compared(
+                was["instead"], came["first"], came["dt"], others[part.read], mask
+            )
+            told = is_read * likelihood_ratio(instead, square, len(part.learned.joints), came["dt"])
+            for i, (k, *_) in enumerate(self.judged):
+                if k in part.read:
+                    tracks[i] = with_evidence(tracks[i], told * shifted[k])
             judged = is_read * (beyond <= 0)
             now = averaged(was, came["first"], square, came["dt"], judged)
             remembered = {**was, "features": left, **now}
@@ -232,7 +249,10 @@ class Redundancy:
             is_wrong = _any(remembered["evidence"] > -np.log(PRIOR))
             squares.append(square)
             outside.append(beyond > 0)
-            unlike.append(ca.fmax(is_unlike, is_wrong))
+            jumped = _any(lasting[part.read])
+            has_jumped = _any(ca.fabs(shifted[part.read]))
+            remembered["instead"] = ca.if_else(has_jumped, left_there, left)
+            unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), jumped))
             after.append(part.memory.joined(**remembered))
         return ca.vertcat(*after, *tracks), *(ca.vertcat(*of) for of in (squares, unlike, outside))
 
@@ -265,6 +285,7 @@ class _Part:
         size = self.shape.memory.size
         return Layout(
             features=size,
+            instead=size,
             means=len(AVERAGED),
             time=1,
             turn=1,
@@ -283,27 +304,17 @@ class _Part:
         the features remember.
         """
         shape = self.shape
-        arrays = self.learned.arrays
         positions = read[: shape.channels]
         given = mask[: shape.channels]
         begun = begun_by(self.learned, positions, given)
-        frame = ca.MX(ca.DM(shape.flat(arrays.by_name)))
         was += first * (begun - was)
-        outputs, left = features_function(shape)(was, dt, positions, given, frame)
-        out = shape.outputs.parts(outputs)
-        errors = []
-        for k in range(len(self.learned.joints)):
-            mean = ca.MX(ca.DM(arrays["mean"][k]))
-            error = read[shape.channels + k] - ca.dot(mean, out["features"])
-            # at first nobody knows on which side of its play a drive is
-            beside = variance_beside(
-                shape, mean, out, shape.frame.parts(frame), ca.MX.zeros(shape.channels)
-            )
-            errors.append(error / ca.sqrt(self.learned.rms[k] ** 2 + beside))
+        count = len(self.learned.joints)
+        square, left = forces_function(shape, count)(
+            was, dt, positions, given, read[shape.channels :], forces_parameters(self.learned)
+        )
         low, high = (ca.DM([end[side] for end in self.learned.reach.values()]) for side in (0, 1))
         away = ca.fmax(ca.fmax(low - positions, positions - high), 0) / (high - low)
         beyond = _any(away * given)
-        square = _mean_square(whitening(arrays["correlation"]), ca.vertcat(*errors))
         return square, beyond, left
 
     def supposed(
@@ -393,17 +404,6 @@ MEANS = Layout(means=len(AVERAGED), time=1)
 """Means of T² of a part, and for how long it has been compared [s]. Source: definition (layout of a
 vector).
 """
-
-
-def whitening(correlation: Floats) -> Floats:
-    """Return W with Wᵀ W = C⁻¹ for a correlation C, (n, n)."""
-    rounding = 1e-9 * np.eye(len(correlation))
-    return np.linalg.inv(np.linalg.cholesky(correlation + rounding))
-
-
-def _mean_square(whitener: Floats, errors: VectorNode) -> VectorNode:
-    independent = [ca.dot(ca.DM(row), errors) for row in whitener]
-    return sum((value**2 for value in independent), ca.MX(0)) / len(whitener)
 
 
 def averaged(

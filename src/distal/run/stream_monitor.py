@@ -18,10 +18,11 @@ from distal.estimators import LARGEST_ANGLE, SHORTEST, sample_problem
 from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
+from distal.regression import INDEPENDENT
 from distal.rig import Rig
 from distal.run.health import LIMITS, WORDS, Health, HealthLimits, Watch, begun, watch_of, word_code
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, Remembered, only
-from distal.run.redundancy import AVERAGED, INDEPENDENT
+from distal.run.redundancy import AVERAGED
 
 OF_REMARKS: dict[str, Health] = {
     "turn": "restarted",
@@ -282,7 +283,7 @@ class Monitor:
         is_normal = not np.any(findings[watch.findings["unlike"]])
         least = self._time - AVERAGED[0] if is_normal else -inf
         doubts = watch.redundancy.remembered(learned, "doubt")
-        now = {name: self._time for name, doubt in doubts.items() if doubt > 0.0}
+        now = {name: self._time - doubt for name, doubt in doubts.items() if doubt > 0.0}
         self._jumps = {n: at for n, at in (self._jumps | now).items() if at >= least}
         if findings[0] == 0:
             return []

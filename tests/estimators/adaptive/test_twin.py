@@ -267,18 +267,18 @@ GUARDS = {
     "wild displacement": (
         UNDECLARED,
         {"wild_displacement": 6.0},
-        ("wild displacement", "believed after a wild one"),
+        ("wild displacement", "a shift that ended"),
     ),
     # so little doubt that the reading after a wild one would be wild again, were it not believed
     "a real jump": (
         UNDECLARED,
         {"wild_displacement": 6.0, "real_jump": 1e-3},
-        ("believed after a wild one",),
+        ("a shift that ended",),
     ),
     "a zero that jumps": (
         UNDECLARED,
-        {"wild_displacement": 6.0, "zeros_jump": True},
-        ("a zero that jumped",),
+        {"wild_displacement": 6.0},
+        ("a shift that ended",),
     ),
     "bend": (UNDECLARED, {"bend_share": 0.12}, ()),
     "follow time": (UNDECLARED, {"follow_time": 0.02}, LOST),

@@ -43,8 +43,9 @@ class DriveMemory:
     effort: float = 0.0  # Ū
     direction: float = 0.0  # t_c
     residual: float = 0.0  # r̄
-    o: float = 0.0
-    sigma_o: float = 0.0
+    o: float = 0.0  # shift
+    p: float = 1.0  # chance that its jump was real
+    evidence: float = 0.0
     read: float = 0.0  # U of its last reading
     same: int = 0  # how often it came again
 
@@ -58,7 +59,6 @@ class Tracked:
     grown: float  # u⁺ − u
     bend: float
     variance: float  # R_s
-    sigma_o: float = 0.0
 
 
 @dataclass
@@ -203,77 +203,90 @@ class Twin:
         if sensor.lag > 0.0:
             z = d.s + (z - d.s) * (1.0 - exp(-dt / sensor.lag))
         tau = d.t + dt
-        e = d.s + d.speed * dt
-        o, sigma_o = d.o, d.sigma_o
-        if self.guards.zeros_jump:  # (2b)
-            back = abs(z - e) < abs(z - o - e) / 2
-            if k > 0 and (back or (d.doubt > 0 and (z - o - e) * o > o**2 / 4)):
+        start = d.s - d.p * d.o
+        e = start + d.speed * dt
+        o, doubt, evidence = d.o, d.doubt, d.evidence
+        goes_on = k > 0 and doubt < dt and (z - o - e) * o > o**2 / 4
+        if k > 0:  # (2b)
+            if abs(z - e) < abs(z - o - e) or goes_on:
+                self.taken["a shift that ended"] += o != 0
                 o = 0.0
-            sigma_o = 0.0 if o == 0 else sigma_o * exp(-dt / 1.2)
-            z -= o
-        jump, far, p, judged = z - e, False, 1.0, False
+        jump, far, judged = z - o - e, False, False
+        force = self.force_of[i]
+        judged = force is not None and mask[self.channels.index(force)] > 0
+        judged = judged and self.guards.wild_displacement < inf
         reach = self.guards.wild_displacement
-        if reach < inf and k > 0:
-            u_before = 0.0 if d.doubt > 0 else d.u
+        if reach < inf and k > 0 and not goes_on:
+            u_before = 0.0 if o != 0 else d.u
             far = jump**2 > reach**2 * (d.square * tau**2 + u_before + 2 * noise)  # (1)
         if far:
-            p, judged = self.chance(i, d, dt, jump, z_all, mask)  # (2)
-            if self.guards.zeros_jump and judged and d.t == 0 and d.same < 3 and p < 0.5:  # (2b)
-                change, shown, spread = self.pulls
-                risen = self.effort(i, z_all) - d.read
-                if risen * change < change**2 / 4 and change**2 > 9 * spread:
-                    o, sigma_o, p = o + jump, (1 - shown) * abs(jump) / 2, 0.0
-                    self.taken["a zero that jumped"] += 1
-        force = self.force_of[i]
-        read, same = d.read, 0
-        if force is not None and mask[self.channels.index(force)] > 0:
-            read = self.effort(i, z_all)
-            same = d.same + 1 if read == d.read else 0
-        if k > 0 and (z - d.s) ** 2 < 1e-12 * noise:
-            same = d.same + 1
-        if k < 0:
-            s = d.s + (z - d.s) / abs(k)
+            evidence = self.evidence(i, dt, jump, z_all) if judged else 0.0
+            if judged and d.same >= 3:
+                evidence = log(0.4 / 0.002)
+            doubt = max(dt - 0.025, 0.0)
+            o += jump
         else:
-            s = e + p * jump if k > 0 else e
-        b = 1.0 if k < 0 else p if k > 0 else 0.0
+            doubt = doubt + dt if o != 0 else 0.0
+        lasting = self.guards.persistence if judged else self.guards.persistence_alone
+        first = self.guards.real_jump
+        weight = (1 - first) * exp(-log(100) * doubt / lasting) + 0.002
+        p = 1 / (1 + exp(-evidence) * weight / first)  # (2)
+        if o == 0 or p > 0.97:
+            o, p = 0.0, 1.0
+        read = d.read
+        same_force = not judged
+        if judged:
+            read = self.effort(i, z_all)
+            same_force = read == d.read
+        if k < 0:
+            s = start + (z - start) / abs(k)
+        else:
+            s = z - o if k > 0 else e
+        is_same = k > 0 and (s - start) ** 2 < 1e-12 * noise
+        same = d.same + 1 if is_same and same_force else 0
+        tells = k != 0 and not (o != 0 and is_same)
+        b = 1.0 if k < 0 else (p if far else 1.0) if k > 0 else 0.0
         phi = exp(-dt / (2 * MEAN_TIME))  # (3)
         if k < 0:
-            span, rate = dt, (s - d.s) / (dt if dt > 0 else 1.0)
+            span, rate = dt, (s - start) / (dt if dt > 0 else 1.0)
         else:
-            span, rate = tau, d.speed + jump / (tau if tau > 0 else 1.0)
+            span, rate = tau, d.speed + (s - e) / (tau if tau > 0 else 1.0)
         a = b * (1 - exp(-span / MEAN_TIME))
         speed = d.speed * (phi + (1 - phi) * b)
         square = d.square
         if k != 0:
             speed, square = speed + a * (rate - d.speed), d.square + a * (rate**2 - d.square)
+        either = (1 - p) * p * o**2
+        astray = max(d.u, d.square * tau**2 + noise)
         if k < 0:  # (4)
-            u = (s - d.s) ** 2
-        elif k == 0:
-            u = max(d.u, d.square * tau**2 + noise)
+            u = (s - start) ** 2
+        else:
+            u = either if tells else max(astray, either)
+        if k == 0:
             self.taken["led on, briefly" if tau < 1.5 / sensor.rate else "led on, for long"] += 1
         elif far:
-            u = (1 - p) * p * jump**2
             self.taken["a jump that is real" if p > 0.5 else "wild displacement"] += 1
             self.taken["judged by its force" if judged else "not judged"] += 1
-        else:
-            u = 0.0
+        elif not tells:
+            self.taken["a reading that is off and stuck"] += 1
         good = b > 0.5
-        bend = s - d.s - d.speed * dt if good else 0.0  # (5)
+        bend = s - start - d.speed * dt if good else 0.0  # (5)
         r_s = noise + u + (self.guards.bend_share * bend) ** 2  # (6)
-        tracked = Tracked(d.s, s, u - d.u, bend, r_s, sigma_o)
-        self.taken["believed after a wild one"] += bool(d.doubt > 0 and good and k > 0)
+        s += p * o
+        tracked = Tracked(d.s, s, u - d.u, bend, r_s)
         self.taken["missing displacement"] += k == 0
         self.taken["crossed"] += k < 0
         self.drives[i] = replace(
             d,
             s=s,
-            doubt=d.doubt + dt if far else 0.0,
+            doubt=doubt,
             speed=speed,
             square=square,
             u=u,
-            t=0.0 if good else tau,
+            t=0.0 if tells else tau,
             o=o,
-            sigma_o=sigma_o,
+            p=p,
+            evidence=evidence,
             read=read,
             same=same,
         )
@@ -284,53 +297,41 @@ class Twin:
         force = self.force_of[i]
         return float(z[self.channels.index(force)] - force.bias.value)
 
-    def chance(
-        self, i: int, d: DriveMemory, dt: float, jump: float, z: Floats, mask: Floats
-    ) -> tuple[float, bool]:
-        """Π of (2), and whether a force judged it."""
-        guards, force = self.guards, self.force_of[i]
-        judged = force is not None and mask[self.channels.index(force)] > 0
-        odds = log(guards.real_jump / (1 - guards.real_jump))
-        stayed = d.doubt + max(dt - 0.025, 0.0)
+    def evidence(self, i: int, dt: float, jump: float, z: Floats) -> float:
+        """E of (2)."""
+        force = self.force_of[i]
         held, shown = self.jump_of(i)
-        odds += log(100) * stayed / (guards.persistence if judged else guards.persistence_alone)
-        odds = min(odds, 50.0)
-        if judged:
-            led = np.array([m.s + m.speed * dt for m in self.drives])
-            for other in range(self.n_d):
-                position = self.at("position", other)
-                led[other] = (
-                    self.m[position]
-                    if position is not None
-                    else led[other] - self.error_at(other, led[other])[0]
-                )
-            still = self.m.copy()
-            still[self.n_j : 2 * self.n_j] = 0.0
-            found = self.model.compared(still, led, np.zeros(self.n_d))
-            pull = found["pull"][0][i]
-            limit, error, bias = (
-                found["mean"][0][i],
-                self.at("error", i),
-                self.at("bias", self.compared.index(force)),
+        led = np.array([m.s + m.speed * dt for m in self.drives])
+        for other in range(self.n_d):
+            position = self.at("position", other)
+            led[other] = (
+                self.m[position]
+                if position is not None
+                else led[other] - self.error_at(other, led[other])[0]
             )
-            friction = self.at("friction", i)
-            limit += self.m[friction] if friction is not None else 0.0
-            pull -= self.m[error] if error is not None else 0.0
-            pull += self.m[bias] if bias is not None else 0.0
-            spread = variance(force) + limit**2 + (0.1 * pull) ** 2
-            if self.at("transmitted", i) is not None:
-                spread += self.play_at_rest(i) ** 2
-            y = z[self.channels.index(force)] - force.bias.value - pull
-            change = held * jump
-            if len(self.rig.tendons_of(self.rig.drive_names[i])) == 1:  # it may go slack
-                change = (
-                    max(change, -pull) if pull > 0 else min(change, -pull) if pull < 0 else change
-                )
-            self.pulls = change, shown, spread
-            c = min(max(y / change, shown / 2), 2.0) if change != 0 else shown / 2
-            expected = c * change
-            odds += min(max((y - expected / 2) * expected / spread, -50.0), 50.0)
-        return 1 / (1 + exp(-odds)), bool(judged)
+        still = self.m.copy()
+        still[self.n_j : 2 * self.n_j] = 0.0
+        found = self.model.compared(still, led, np.zeros(self.n_d))
+        pull = found["pull"][0][i]
+        limit, error, bias = (
+            found["mean"][0][i],
+            self.at("error", i),
+            self.at("bias", self.compared.index(force)),
+        )
+        friction = self.at("friction", i)
+        limit += self.m[friction] if friction is not None else 0.0
+        pull -= self.m[error] if error is not None else 0.0
+        pull += self.m[bias] if bias is not None else 0.0
+        spread = variance(force) + limit**2 + (0.1 * pull) ** 2
+        if self.at("transmitted", i) is not None:
+            spread += self.play_at_rest(i) ** 2
+        y = z[self.channels.index(force)] - force.bias.value - pull
+        change = held * jump
+        if len(self.rig.tendons_of(self.rig.drive_names[i])) == 1:  # it may go slack
+            change = max(change, -pull) if pull > 0 else min(change, -pull) if pull < 0 else change
+        c = min(max(y / change, shown / 2), 2.0) if change != 0 else shown / 2
+        expected = c * change
+        return min(max((y - expected / 2) * expected / spread, -50.0), 50.0)
 
     def jump_of(self, i: int) -> tuple[float, float]:
         """K_J with the joints held, and the share h of it that free joints leave in an interval."""

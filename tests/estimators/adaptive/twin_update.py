@@ -103,20 +103,6 @@ def update(
             depth = max(low - twin.m[j], twin.m[j] - high, 0.0)
             twin.taken["deep in a stop"] += depth**2 > twin.P[j, j]
             twin.P[j, j] = max(twin.P[j, j], depth**2)  # (27b)
-        doubt = 0.0
-        for i, drive in enumerate(twin.rig.drives if twin.guards.zeros_jump else ()):
-            arm = next(
-                (
-                    t.arms()[joint.name]
-                    for t in twin.rig.tendons_of(drive.name)
-                    if joint.name in t.joints
-                ),
-                None,
-            )
-            if arm is not None:
-                lever = drive.radius.value if drive.kind == "capstan" else 1.0
-                doubt += (lever / arm * tracked[i].sigma_o) ** 2
-        twin.P[j, j] = max(twin.P[j, j], doubt)  # (31)
     return innovations, variances
 
 

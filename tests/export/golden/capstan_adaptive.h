@@ -32,7 +32,7 @@ extern "C" {
 #define CAPSTAN_ADAPTIVE_CHANNELS 2
 #define CAPSTAN_ADAPTIVE_STATES 8
 #define CAPSTAN_ADAPTIVE_MEASURED 1
-#define CAPSTAN_ADAPTIVE_KERNEL_STATE 83
+#define CAPSTAN_ADAPTIVE_KERNEL_STATE 84
 #define CAPSTAN_ADAPTIVE_INTERVAL 0.005f /* nominal time between samples [s] */
 
 typedef float capstan_adaptive_real;

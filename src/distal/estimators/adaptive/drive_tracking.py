@@ -7,6 +7,7 @@ Equations (1) to (6).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import log
 from typing import Generic
 
 import casadi as ca
@@ -14,20 +15,23 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.filter_inputs import mechanics_function, usual_square
+from distal.estimators.adaptive.filter_inputs import USUAL, mechanics_function, usual_motion
 from distal.estimators.adaptive.guards import (
-    SETTLED_TIME,
+    SETTLED,
+    SHIFTED,
+    SHIFTED_FELT,
     Robustness,
     chance_of_jump,
     is_far,
     jump_evidence,
-    kept_shift,
-    zero_jumped,
+    moves_on,
+    returns,
 )
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
+from distal.regression import MOST_EVIDENCE, added
 from distal.rig import Rig, Sensor
 from distal.sensor_errors import variance
 
@@ -46,6 +50,14 @@ OLD = 3.0
 judgement.
 """
 
+NEAR = 4.0
+"""Square of a position's distance from its mean in the logs, in stds, within which it is as likely
+as any [1]. Source: definition (95 % of normal values).
+"""
+
+SMALLEST_SCALE = 1e-300
+"""Least std of a position in the logs [m, rad]. Source: rounding (division by zero)."""
+
 SAME = 1e-12
 """Square of a difference, in variances of the noise, below which readings are the same [1]. Source:
 rounding.
@@ -63,16 +75,17 @@ class Drive:
 
     Args:
         position: that its sensor reads or should read, at the end of the interval [m, rad].
-        doubt: for how long readings have been far from the expected position [s].
+        doubt: time since the last jump that is not known to be real [s].
         speed: mean speed, over `MOTION_TIME`.
         square: mean square speed.
         unknown: variance of the position beyond the sensor's noise; it grows while readings are
             missing.
         lost: time since the last good reading [s].
-        shift: by which the zero of the position sensor has jumped [m, rad].
-        shift_std: std of `shift`, where nothing says whether the drive or the zero jumped [m, rad].
+        shift: by which the reading is off if its last jump was none of the drive [m, rad].
+        real: chance that the drive moved nevertheless, 1 where there is no shift [1].
+        evidence: logarithm of the likelihood ratio of that, by forces and by where logs were [1].
         effort: last reading of the drive's force sensor [N, N m].
-        repeats: number of samples in a row in which one of its sensors read exactly the same [1].
+        repeats: number of samples in a row in which its sensors read exactly the same [1].
         bend: change of displacement from one interval to the next, of which a straight line between
             samples misses a share.
         variance: of the position, for the filter: noise, what is unknown, what a straight line
@@ -86,7 +99,8 @@ class Drive:
     unknown: Scalar
     lost: Scalar
     shift: Scalar
-    shift_std: Scalar
+    real: Scalar
+    evidence: Scalar
     effort: Scalar
     repeats: Scalar
     bend: Scalar
@@ -181,6 +195,9 @@ READING = Layout(
     dead=1,
     wandering=1,
     usual=1,
+    centre=1,
+    scale=1,
+    felt=1,
     missing=1,
     force_mask=1,
     stiffness=1,
@@ -240,9 +257,9 @@ def _readings(states: StateVector) -> ca.Function:
         rate = context.number(f"{context.path(sensor)}.rate")
         dead = ca.fmax(context.robustness.dead_time, DEAD_INTERVALS / rate)
         wandering = UNKNOWN_POSITION[context.mechanism.rig.drives[i].kind] / WANDERING
-        usual = context.number(f"{context.path(sensor)}.usual_square")
-        table[:6, i] = ca.vertcat(
-            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering, usual
+        usual = [context.number(f"{context.path(sensor)}.{name}") for name in USUAL]
+        table[: 5 + len(usual), i] = ca.vertcat(
+            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering, *usual
         )
         if force is not None and _judged(context, i):
             friction = limits[nj + i] + states.added(("friction", i), mean)
@@ -256,7 +273,7 @@ def _readings(states: StateVector) -> ca.Function:
                 context.number(f"drives.{i}.{name}") for name in ("held_stiffness", "shown_share")
             )
             alone = len(context.mechanism.rig.tendons_of(context.mechanism.rig.drive_names[i])) == 1
-            table[6:, i] = ca.vertcat(
+            table[5 + len(USUAL) :, i] = ca.vertcat(
                 effort - pull,
                 context.mask(x, force),
                 stiffness,
@@ -272,10 +289,11 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     """Return the function (memory, `READING`, dt) → what is known of a drive after a reading,
     `TRACKED`; a missing reading is bridged by the mean speed, which fades.
 
-    A reading that is far from the position expected by the mean speed is a real jump with a chance
-    Π, else wild. The drive's force gives the chance where it is read, and the longer readings stay
-    far away, the likelier the jump is real. The position is the mean of both possibilities, with
-    their variance.
+    A reading that is far from the position expected by the mean speed is right with a chance p, or
+    off by a shift s: a wild reading, which comes back, or a zero that jumped, which does not. From
+    then on the drive is in one of two positions, which differ by s; the position is their mean, and
+    its variance p (1 − p) s². Forces say which, here or where they are compared with those of free
+    motion.
 
     Args:
         robustness: the guards.
@@ -284,53 +302,60 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY)
     readings = ca.SX.sym("readings", READING.size)
     dt = ca.SX.sym("dt")
-    position, doubt, speed, square, unknown, lost, shift, shift_std, effort, repeats = ca.vertsplit(
-        memory
+    position, doubt, speed, square, unknown, lost, shift, was_real, evidence, effort, repeats = (
+        ca.vertsplit(memory)
     )
-    reading, mask, noise, dead, wandering, usual, *force = ca.vertsplit(readings)
+    reading, mask, noise, dead, wandering, usual, centre, scale, felt, *force = ca.vertsplit(
+        readings
+    )
     recent = ca.fmax(square, usual)
     missing, force_mask, stiffness, shown, taut, variance, force_now = force
-    expected = position + speed * dt
+    # where the drive is if its last jump was none
+    off = position - was_real * shift
+    expected = off + speed * dt
     time = lost + dt
     bridged = is_bridge(mask)
     read = is_read(mask)
-    shift = kept_shift(robustness, shift, reading - expected, doubt > 0, read)
-    shift_std = ca.if_else(shift == 0, 0, shift_std * ca.exp(-dt / SETTLED_TIME))
-    reading -= shift
-    jump = reading - expected
+    judges: Scalar = is_read(force_mask) if judged else ca.SX(0)
+    # (2b) its last jump was wild, or a motion that the second reading continues
+    raw = reading - expected
+    goes_on = ca.logic_and(doubt < dt, moves_on(shift, raw))
+    shift = ca.if_else(read * ca.logic_or(returns(shift, raw), goes_on), 0, shift)
+    jump = raw - shift
     # (1) far: more than the recent motion can have led to
-    lost_before = ca.if_else(doubt > 0, 0, unknown)
-    far = ca.logic_and(is_far(robustness, jump, recent * time * time + lost_before, noise), read)
-    judges: Scalar = ca.SX(0)
-    evidence: Scalar = ca.SX(0)
-    # a tendon alone does not push
-    pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
-    pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
+    lost_before = ca.if_else(shift != 0, 0, unknown)
+    is_new = read * ca.logic_not(goes_on)
+    far = is_new * is_far(robustness, jump, recent * time * time + lost_before, noise)
+    # (2) the chance that the jump is real: by where the logs were, and by the drive's force
+    away = ((reading - centre) / ca.fmax(scale, SMALLEST_SCALE)) ** 2
+    told = ca.if_else(scale > 0, -ca.fmax(away - NEAR, 0) / 2, 0)
     if judged:
-        judges = is_read(force_mask)
-        evidence = jump_evidence(missing, pull, variance, shown)
-    # (2) the chance that a jump is real: between slow samples it may have been there since the mean
-    # speed faded
-    stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
-    real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judges), 1)
-    # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
-    if robustness.zeros_jump and judged:
-        # not after a gap, or old readings, while the drives may have gone anywhere together
-        seen_last = ca.logic_and(lost <= 0, repeats < OLD)
-        first = ca.logic_and(ca.logic_and(far, judges), ca.logic_and(seen_last, real < 0.5))
-        jumped = ca.logic_and(first, zero_jumped(force_now - effort, pull, variance))
-        shift += ca.if_else(jumped, jump, 0)
-        shift_std = ca.if_else(jumped, (1 - shown) * ca.fabs(jump) / 2, shift_std)
-        real = ca.if_else(jumped, 0, real)
+        # a tendon alone does not push
+        pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
+        pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
+        told += judges * jump_evidence(missing, pull, variance, shown)
+    # after old readings all drives may have gone anywhere together
+    is_after_old = judges * (repeats >= OLD)
+    told = ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ca.fmax(told, -MOST_EVIDENCE))
+    evidence = ca.if_else(far, told, evidence)
+    # between slow samples it may have been there since the mean speed faded
+    doubt = ca.if_else(far, ca.fmax(dt - MOTION_TIME, 0), ca.if_else(shift == 0, 0, doubt + dt))
+    # or the zero of its sensor has jumped, and the drive goes on as it did
+    shift = ca.if_else(far, shift + jump, shift)
+    real = chance_of_jump(robustness, doubt, evidence, judges, felt)
+    is_settled = ca.logic_or(shift == 0, real > SETTLED)
+    shift = ca.if_else(is_settled, 0, shift)
+    real = ca.if_else(is_settled, 1, real)
     # a gap is crossed in a straight line to the reading that ends it
-    line = position + (reading - position) / rows_left(mask)
-    reached = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
-    moved = reached - position
+    line = off + (reading - off) / rows_left(mask)
+    reached = ca.if_else(bridged, line, ca.if_else(read, reading - shift, expected))
+    moved = reached - off
     # (3) mean motion; what was not seen while the reading was missing belongs to all of that time
     elapsed = ca.if_else(bridged, dt, time)
     passed = ca.if_else(elapsed > 0, elapsed, 1)
-    seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), speed + jump / passed)
-    believed = ca.if_else(is_there(mask), real, 0)
+    seen = speed + (reached - expected) / passed
+    seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), seen)
+    believed = ca.if_else(is_there(mask), ca.if_else(far, real, 1), 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
     fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of
@@ -338,31 +363,29 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     astray = ca.fmax(unknown, recent * time * time + noise)
     # whatever it did before, it may have begun to move
     astray = ca.fmax(astray, (wandering * ca.fmax(time - dead, 0)) ** 2)
-    doubted = (1 - real) * real * jump**2
-    unknown = ca.if_else(
-        bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray)
-    )
+    either = either_variance(real, shift)
+    same = ca.logic_and(read, moved**2 < SAME * noise)
+    is_old = ca.logic_and(same, ca.logic_or(1 - judges, force_now == effort))
+    # a reading that is off and does not change tells nothing of the drive
+    tells = ca.logic_and(is_there(mask), ca.logic_not(ca.logic_and(shift != 0, same)))
+    unknown = ca.if_else(bridged, moved * moved, ca.if_else(tells, either, ca.fmax(astray, either)))
+    # it is somewhere where the logs were
+    unknown = ca.if_else(read * (scale > 0), ca.fmin(unknown, 2 * scale**2), unknown)
     # (5), (6) what a straight line between samples misses
     sure = believed > 0.5
     bend = ca.if_else(sure, moved - speed * dt, 0)
     drive = Drive(
-        position=reached,
-        doubt=ca.if_else(far, doubt + dt, 0),
+        position=reached + real * shift,
+        doubt=doubt,
         speed=speed * (fade + (1 - fade) * believed) + share * (seen - speed),
         square=square + share * (seen * seen - square),
         unknown=unknown,
-        lost=ca.if_else(sure, 0, time),
+        lost=ca.if_else(tells, 0, time),
         shift=shift,
-        shift_std=shift_std,
+        real=real,
+        evidence=evidence,
         effort=ca.if_else(judges, force_now, effort),
-        repeats=ca.if_else(
-            ca.logic_or(
-                ca.logic_and(judges, force_now == effort),
-                ca.logic_and(read, (reading - position) ** 2 < SAME * noise),
-            ),
-            repeats + 1,
-            0,
-        ),
+        repeats=ca.if_else(is_old, repeats + 1, 0),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
@@ -370,7 +393,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])
 
 
-JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1)
+JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
 """Layout of what a position is judged by where no force judges it: the variance of its noise, the
 time without a value after which it may not come back [s], the growth of its std after that, and its
 usual mean square speed. Source: definition (layout of a vector).
@@ -380,28 +403,53 @@ usual mean square speed. Source: definition (layout of a vector).
 def judged_by(rig: Rig, sensor: Sensor) -> Floats:
     """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
     wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
-    return np.array([variance(sensor), dead_after(sensor), wandering, usual_square(rig, sensor)])
+    return np.array([variance(sensor), dead_after(sensor), wandering, *usual_motion(rig, sensor)])
 
 
 def begun_alone(rig: Rig, sensor: Sensor, reading: Expression, is_there: Expression) -> Expression:
     """Return what is remembered of a position at its first sample."""
     unknown = UNKNOWN_POSITION[rig.drive(sensor.of).kind] ** 2
-    start = {"position": reading, "unknown": ca.if_else(is_there, 0.0, unknown)}
+    start = {"position": reading, "real": 1.0, "unknown": ca.if_else(is_there, 0.0, unknown)}
     memory: Expression = ca.vertcat(*(start.get(name, 0) for name in REMEMBERED))
     return memory
 
 
 def believed_alone(
     memory: VectorNode, dt: ScalarNode, reading: ScalarNode, mask: ScalarNode, judged: VectorNode
-) -> tuple[ScalarNode, ScalarNode, VectorNode]:
-    """Return a position as it is believed where no force judges it, whether it is, and what is
-    remembered; see `track_function`.
-    """
+) -> VectorNode:
+    """Return what is remembered of a position where no force judges it; see `track_function`."""
     came = {"reading": reading, "mask": mask, **JUDGED.parts(judged)}
     track = track_function(Robustness(), False)
     drive = track(memory, ca.vertcat(*(came.get(name, 0) for name in READING.names)), dt)
-    return (
-        drive[REMEMBERED.index("position")],
-        drive[REMEMBERED.index("lost")] <= 0,
-        drive[:MEMORY],
-    )
+    return drive[:MEMORY]
+
+
+def either_variance(real: Expression, shift: Expression) -> Expression:
+    """Return the variance of a position that is off by a shift or not: p (1 − p) s²."""
+    return (1 - real) * real * shift**2
+
+
+def with_evidence(memory: VectorNode, told: VectorNode) -> VectorNode:
+    """Return what is remembered of a drive after evidence that its last jump was real."""
+    changed = ca.MX(memory)
+    at = REMEMBERED.index("evidence")
+    has_jumped = memory[REMEMBERED.index("shift")] != 0
+    changed[at] = added(memory[at], told * has_jumped)
+    return changed
+
+
+def branches(memory: Expression) -> dict[str, Expression]:
+    """Return a drive's position if its last jump was none and if it was real, the chance of that,
+    the variance beside it, whether its reading counts, and whether the jump lasts, so that it is no
+    wild reading; by its `REMEMBERED` values.
+    """
+    drive = dict(zip(REMEMBERED, (memory[k] for k in range(MEMORY))))
+    shift, real = drive["shift"], drive["real"]
+    return {
+        "off": drive["position"] - real * shift,
+        "real": drive["position"] + (1 - real) * shift,
+        "chance": ca.if_else(shift == 0, 0, real),
+        "variance": ca.fmax(drive["unknown"] - either_variance(real, shift), 0),
+        "believed": ca.logic_or(drive["lost"] <= 0, shift != 0),
+        "lasts": ca.logic_and(shift != 0, drive["doubt"] >= Robustness().persistence_alone),
+    }

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_position
+from distal.estimators.adaptive.drive_tracking import MEMORY, branches, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
@@ -28,9 +28,11 @@ from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.kernels.layout import is_read
 from distal.logs import frozen
 from distal.regression import (
+    JudgedJumps,
     ReportedMap,
     Shape,
     begun_by,
+    forces_parameters,
     homed_memory,
     map_function,
     map_parameters,
@@ -47,6 +49,7 @@ is missing.
 def prior_function(
     states: StateVector,
     maps: Sequence[ReportedMap],
+    judges: Sequence[JudgedJumps],
     readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     positions: Sequence[int | None],
     inputs: int,
@@ -107,12 +110,13 @@ def prior_function(
     outputs = [mean, variances, memory, ca.vertcat(*placed, values[len(positions) :])]
     outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
     plain = ca.Function("plain", [values, is_present, p], outputs)
-    return _with_maps(plain, maps, readings, names, home_std)
+    return _with_maps(plain, maps, judges, readings, names, home_std)
 
 
 def _with_maps(
     plain: ca.Function,
     maps: Sequence[ReportedMap],
+    judges: Sequence[JudgedJumps],
     readings: Sequence[tuple[LearnedMap, Sequence[int]]],
     names: Sequence[str],
     home_std: float | None,
@@ -125,12 +129,13 @@ def _with_maps(
         read = values[columns], is_present[columns]
         function = map_function(Shape.of(learned), len(learned.joints))
         begun = begun_by(learned, *read)
-        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned), 0)
+        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned), 0, read[0], 0)
         for k, joint in enumerate(joints):
             better = spreads[k] < variances[joint]
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
             variances[joint] = ca.if_else(better, spreads[k], variances[joint])
-    number = p.numel() - sum(placed.parameters for placed in maps)
+    numbers = [*(placed.parameters for placed in maps), *(each.parameters for each in judges)]
+    number = p.numel() - sum(numbers)
     for placed in maps:
         columns = list(placed.channels)
         of = (tracked if placed.learned.beside_filter else values)[columns]
@@ -142,6 +147,9 @@ def _with_maps(
             begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
         memory = ca.vertcat(memory, begun)
         number += placed.parameters
+    for each in judges:
+        at = list(each.positions)
+        memory = ca.vertcat(memory, each.begun(values[at], is_present[at]))
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
 
 
@@ -157,6 +165,7 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
         if position is not None:
             unknown = UNKNOWN_POSITION[drive.kind] ** 2
             memory[remembered_position(i, "position")] = read(position, 0.0)
+            memory[remembered_position(i, "real")] = 1
             memory[remembered_position(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
         if effort is not None:
             memory[remembered_position(i, "effort")] = read(effort, 0.0)
@@ -258,7 +267,7 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self.states.context.mechanism.parameters.values
-        parameters = np.concatenate([parameters, *map(map_parameters, self._reporting_maps)])
+        parameters = np.concatenate([parameters, *self._of_maps()])
         measured = tuple(sensor.name for sensor in channels.compared)
         super().__init__(
             name,
@@ -281,6 +290,11 @@ class AdaptiveFilter(KernelEstimator):
     def _reporting_maps(self) -> tuple[LearnedMap, ...]:
         """Those beside the filter, and those that share in the angles."""
         return (*self.maps.filter, *self.maps.pooled)
+
+    def _of_maps(self) -> list[Floats]:
+        """Return the parameters of its maps."""
+        judges = (forces_parameters(each.learned) for each in self._judges)
+        return [*map(map_parameters, self._reporting_maps), *judges]
 
     @property
     def _reported(self) -> list[ReportedMap]:
@@ -305,9 +319,28 @@ class AdaptiveFilter(KernelEstimator):
         n = len(self.states.names)
         shares = tuple(self._of_torques("share"))
         variances = [n + i * (n + 1) for i in range(self.states.context.n_joints)]
+        begin = adaptive_layout(self.states)["drives"].start
+        drives = self.states.context.mechanism.rig.drive_names
+        evidence = [
+            begin + remembered_position(drives.index(sensor.of), "evidence")
+            for sensor in self.states.context.channels.positions
+        ]
         return reporting_function(
-            function, self._reported, self.positions, variances, shares, self._tracked(function)
+            function,
+            self._reported,
+            self.positions,
+            variances,
+            shares,
+            self._tracked(function),
+            self._judges,
+            evidence,
         )
+
+    @property
+    def _judges(self) -> list[JudgedJumps]:
+        """What forces say of jumps."""
+        names = self.states.context.channels.names
+        return JudgedJumps.among(self.maps.efforts if self._reporting_maps else (), names)
 
     def _tracked(self, function: ca.Function) -> ca.Function:
         """Return the function (kernel_state, p) → the positions of the drives as their sensors
@@ -318,17 +351,31 @@ class AdaptiveFilter(KernelEstimator):
         begin = adaptive_layout(self.states)["drives"].start
         state, p = (ca.SX.sym(name, function.size1_in(k)) for name, k in (("state", 0), ("p", 2)))
         columns = []
+        either = dict[int, Scalar]()
+        chance = ca.SX(0)
         believed = ca.SX.ones(len(context.channels.names))
         for k, sensor in enumerate(context.channels.positions):
-            position, lost, shift_std = (
-                state[begin + remembered_position(drives.index(sensor.of), name)]
-                for name in ("position", "lost", "shift_std")
-            )
+            at = begin + MEMORY * drives.index(sensor.of)
+            found = branches(state[at : at + MEMORY])
             offset = context.corrected(sensor, ca.SX(0))
             gain = context.corrected(sensor, ca.SX(1)) - offset
-            columns.append(((position - offset) / gain, (shift_std / gain) ** 2))
-            believed[context.channels.of_message(k)] = lost <= 0
-        outputs = [*(ca.vertcat(*rows) for rows in zip(*columns)), believed]
+            placed = [(found[name] - offset) / gain for name in ("off", "real")]
+            columns.append((*placed, found["variance"] / gain**2))
+            believed[context.channels.of_message(k)] = found["believed"]
+            chance = ca.fmax(chance, found["chance"])
+            either[drives.index(sensor.of)] = (
+                found["chance"] * (1 - found["chance"]) * (found["real"] - found["off"]) ** 2
+            )
+        placed, elsewhere, variances = (ca.vertcat(*rows) for rows in zip(*columns))
+        spreads = [
+            sum(
+                context.number(ratio) ** 2 * either.get(i, 0)
+                for i, (ratio, _) in context.moved_by(joint).items()
+            )
+            for joint in context.mechanism.free
+        ]
+        of_joints = ca.mtimes(context.mechanism.spread**2, ca.vertcat(*spreads))  # (31)
+        outputs = [placed, elsewhere, chance, variances, believed, of_joints]
         symbols = context.mechanism.parameters.symbols
         outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
         return ca.Function("tracked", [state, p], outputs)
@@ -343,7 +390,13 @@ class AdaptiveFilter(KernelEstimator):
             for learned in self.maps.readings
         ]
         return prior_function(
-            self.states, self._reported, readings, self.positions, len(self._p), self._home_std
+            self.states,
+            self._reported,
+            self._judges,
+            readings,
+            self.positions,
+            len(self._p),
+            self._home_std,
         )
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
@@ -372,9 +425,7 @@ class AdaptiveFilter(KernelEstimator):
         changed = copy(self)
         changed.maps = maps
         parameters = self.parameters[: len(self.parameter_names)]
-        changed._p = frozen(
-            np.concatenate([parameters, *map(map_parameters, changed._reporting_maps)])
-        )
+        changed._p = frozen(np.concatenate([parameters, *changed._of_maps()]))
         changed._begin = None
         return changed
 
@@ -418,6 +469,7 @@ class AdaptiveFilter(KernelEstimator):
                 (placed.learned.structure, placed.channels, placed.states, placed.homes)
                 for placed in self._reported
             ),
+            judges=tuple((e.learned.structure, e.positions, e.forces) for e in self._judges),
         )
 
     @property

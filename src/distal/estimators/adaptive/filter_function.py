@@ -20,7 +20,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.filter_context import DERIVED
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, states_of_rig
 from distal.estimators.adaptive.joint_motion import Moved, moved
-from distal.estimators.adaptive.prediction import follow, play, predicted, revert, shifted_variance
+from distal.estimators.adaptive.prediction import follow, play, predicted, revert
 from distal.estimators.adaptive.slack_pairs import within_play
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
@@ -89,7 +89,7 @@ def adaptive_function(
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
     mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (17) to (32)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
-    _bounded(states, mean, covariance, tracks, p)
+    _bounded(states, mean, covariance, p)
     remembered = Tracks(tracks).memory
     following = layout.joined(
         mean=mean,
@@ -101,11 +101,9 @@ def adaptive_function(
     return ca.Function("adaptive", [kernel_state, x, p], [following, y])
 
 
-def _bounded(
-    states: StateVector, mean: VectorNode, covariance: MatrixNode, tracks: VectorNode, p: VectorNode
-) -> None:
-    """Keep states above their lowest values, and the variances of angles above those that stops and
-    jumped zeros leave, in place.
+def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> None:
+    """Keep states above their lowest values, and the variances of angles above those that stops
+    leave, in place.
     """
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
@@ -114,17 +112,6 @@ def _bounded(
     for j, depth in depths_in_stops(states, mean, p).items():
         # how deep a joint sits in its stop is known no better than the depth
         covariance[j, j] = ca.fmax(covariance[j, j], ca.fmax(depth, 0) ** 2)  # (27b)
-    context = states.context
-    nj = states.context.n_joints
-    if context.robustness.zeros_jump:
-        free = context.mechanism.free
-        spread = context.mechanism.spread
-        for j in free:
-            covariance[j, j] = ca.fmax(
-                covariance[j, j], shifted_variance(context, j, tracks, p)
-            )  # (31)
-        for j in set(range(nj)) - set(free):  # coupled ones err as these
-            covariance[j, j] = ca.mtimes([spread[j, :], covariance[free, free], spread[j, :].T])
 
 
 def _moving(states: StateVector, motion: Moved) -> MatrixNode:

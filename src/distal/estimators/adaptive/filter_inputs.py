@@ -18,7 +18,7 @@ from distal.estimators.read_channels import Channels
 from distal.expressions import MatrixNode, VectorNode
 from distal.model import Mechanism
 from distal.model.parameters import Derived
-from distal.rig import Rig, Sensor, drive_travel, gain_of, step_of
+from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_errors import quantisation_variance
 
 
@@ -116,20 +116,30 @@ def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, fl
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
         centre, away = context.possible_positions(sensor)
-        yield f"{path}.usual_square", usual_square(context.mechanism.rig, sensor)
+        for name, value in zip(USUAL, usual_motion(context.mechanism.rig, sensor)):
+            yield f"{path}.{name}", value
         yield f"{path}.centre", centre
         yield f"{path}.farthest", away
 
 
-def usual_square(rig: Rig, sensor: Sensor) -> float:
-    """Return the mean square speed of a position in the logs that taught a rig [m²/s², rad²/s²], 0
-    where none did.
+USUAL = ("usual_square", "usual_centre", "usual_scale", "felt")
+"""Names of what `usual_motion` gives."""
+
+
+def usual_motion(rig: Rig, sensor: Sensor) -> tuple[float, ...]:
+    """Return the mean square speed of a position in the logs that taught a rig [m²/s², rad²/s²],
+    its mean and its std there, 0 where none did.
     """
-    for learned in () if rig.map is None else (*rig.map.filter, *rig.map.readings):
+    maps = LearnedMaps() if rig.map is None else rig.map
+    for learned in (*maps.filter, *maps.readings):
         if sensor.name in learned.channels:
             at = learned.channels.index(sensor.name)
-            return float(learned.arrays["rate"][at] * learned.arrays["scale"][at]) ** 2
-    return 0.0
+            rate, centre, scale = (
+                float(learned.arrays[n][at]) for n in ("rate", "centre", "scale")
+            )
+            felt = any(sensor.name in forces.channels for forces in maps.efforts)
+            return (rate * scale) ** 2, centre, scale, float(felt)
+    return 0.0, 0.0, 0.0, 0.0
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import casadi as ca
 
 from distal.estimators.read_channels import DEAD
 from distal.expressions import Scalar
+from distal.regression import MOST_EVIDENCE
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,6 @@ class Robustness:
             not come back [s].
         opens_torques: whether an external torque that the rig does not declare may act on a joint
             once forces say so (29).
-        zeros_jump: whether the zero of a position sensor may jump, where the drive's force
-            contradicts a jump of the drive (2b).
         moving_only: where friction is declared, let only forces of drives that clearly move count,
             as a fit does.
         asks_positions: whether positions that no drive can have are taken as missing.
@@ -125,8 +124,6 @@ class Robustness:
     """docs/results/chains.md, "Something happens"; of one joint friction and a torque cannot be
     told apart so soon
     """
-    zeros_jump: bool = False
-    """docs/results/chains.md, "Something happens\""""
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
     asks_positions: bool = True
@@ -170,7 +167,7 @@ class Robustness:
             felt: whether logs said what is normal of the rig's forces in free motion.
         """
         if n_joints == 1:
-            return cls(opens_torques=felt, zeros_jump=True)
+            return cls(opens_torques=felt)
         return cls(
             sticking_time=0.1,
             turning_time=0.05,
@@ -180,7 +177,6 @@ class Robustness:
             angle_walk=radians(0.3),
             dead_time=0.0,
             opens_torques=True,
-            zeros_jump=True,
         )
 
     @classmethod
@@ -211,12 +207,6 @@ def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) 
     return away**2 > robustness.wild_displacement**2 * (motion + 2 * noise)
 
 
-MOST_EVIDENCE = 50.0
-"""Largest logarithm of odds [1]: e⁵⁰ is certain. Source: rounding (overflow of the exponential
-function).
-"""
-
-
 def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, shown: Scalar) -> Scalar:
     """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the
     change of the drive's force: (2).
@@ -237,21 +227,38 @@ def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, shown: Sca
     )
 
 
-def chance_of_jump(
-    robustness: Robustness, doubt: Scalar, evidence: Scalar, judged: Scalar
-) -> Scalar:
-    """Return the chance that a far reading is a real jump, after readings have been far for `doubt`
-    s: (2).
+SHIFTED = 0.002
+"""Chance that a far reading is one of a sensor whose zero jumped [1]; of a drive whose forces are
+compared with those of free motion it is `SHIFTED_FELT`, since they settle it soon. Source:
+benchmark (benchmarks.wrong_inputs).
+"""
 
-    The `evidence` is that of the force, see `jump_evidence`; `judged` is 1 where there is a force,
-    else 0.
+SHIFTED_FELT = 0.4
+"""See `SHIFTED` [1]. Source: benchmark (benchmarks.wrong_inputs)."""
+
+SETTLED = 0.97
+"""Chance from which on a jump is real for good [1]. Source: benchmark (benchmarks.wrong_inputs)."""
+
+
+def chance_of_jump(
+    robustness: Robustness, time: Scalar, evidence: Scalar, judged: Scalar, felt: Scalar
+) -> Scalar:
+    """Return the chance that a drive made the jump of its reading: (2).
+
+    It did so with `real_jump` r, or its sensor's zero jumped, with f, or this reading is wild, with
+    1 − r, of which less is left the longer it stays: p = 1/(1 + e^{−E} ((1 − r) 100^{−t/T} + f)/r).
+
+    Args:
+        time: since the jump, t [s].
+        evidence: logarithm of the likelihood ratio for the drive, E.
+        judged: 1 where its force is read, else 0.
+        felt: 1 where forces are compared with those of free motion, else 0.
     """
-    time = ca.if_else(judged, robustness.persistence, robustness.persistence_alone)
-    odds = ca.fmin(
-        log(robustness.real_jump / (1 - robustness.real_jump)) + log(100.0) * doubt / time,
-        MOST_EVIDENCE,
-    )
-    return 1 / (1 + ca.exp(-(odds + ca.if_else(judged, evidence, 0))))
+    lasting = ca.if_else(judged, robustness.persistence, robustness.persistence_alone)
+    real = robustness.real_jump
+    wild = (1 - real) * ca.exp(-log(100.0) * time / lasting)
+    shifted = ca.if_else(felt, SHIFTED_FELT, SHIFTED)
+    return 1 / (1 + ca.exp(-evidence) * (wild + shifted) / real)
 
 
 def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
@@ -270,58 +277,25 @@ def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))
 
 
-SHOWS = 0.25
-"""Smallest change of its force by which a drive shows its jump, as a share of that with its joint
-at rest [1]. Source: benchmark (benchmarks.ablation).
-"""
-
-LONGEST_SLIP = 3.0
-"""Longest jump of a drive that sticks and slips, in stds of its force, friction included, over its
-stiffness [1]. Source: benchmark (benchmarks.ablation).
-"""
-
-
-SETTLED_TIME = 1.2
-"""Time constant with which the doubt whether zero or drive jumped fades [s]: had the drive moved,
-its force would stay unexplained. Source: judgement.
-"""
-
 GOES_ON = 0.25
 """Smallest step from one sample to the next of a drive that goes on after a jump, as a share of the
 jump [1]. Source: judgement.
 """
 
 
-def zero_jumped(change: Scalar, pull: Scalar, variance: Scalar) -> Scalar:
-    """Return 1 where a jump of a reading is one of its sensor's zero, since the drive's force does
-    not show it, else 0: (2b).
+def returns(shift: Scalar, raw: Scalar) -> Scalar:
+    """Return 1 where a reading is nearer to where the drive is expected without its last jump than
+    with the `shift` of that jump: the zero came back, or the reading before was wild, (2b).
 
     Args:
-        change: of the force since its last reading [N, N m].
-        pull: by which a jump of the drive would change it at least.
-        variance: of the force where there was no jump.
+        shift: by which the sensor is off, if its last jump was none of the drive [m, rad].
+        raw: reading as it comes, less where the drive is expected without the jump [m, rad].
     """
-    return ca.logic_and(change * pull < SHOWS * pull**2, pull**2 > LONGEST_SLIP**2 * variance)
+    return ca.fabs(raw) < ca.fabs(raw - shift)
 
 
-def kept_shift(
-    robustness: Robustness, shift: Scalar, raw: Scalar, doubted: Scalar, read: Scalar
-) -> Scalar:
-    """Return the shift of a sensor's zero that remains at a new reading: (2b).
-
-    The zero came back, and the shift is 0, where |`raw`| is below half of |`raw` − `shift`|. The
-    jump was a motion of the drive, and the shift is 0, where the second reading goes on in the same
-    direction. Without a reading the shift stays.
-
-    Args:
-        shift: so far [m, rad].
-        raw: reading as it comes, less the expected position [m, rad].
-        doubted: 1 where the reading before was far from its expected position.
-        read: 1 where there is a reading.
+def moves_on(shift: Scalar, raw: Scalar) -> Scalar:
+    """Return 1 where a reading goes on in the direction of the jump, which was a motion of the
+    drive then, (2b); see `returns`.
     """
-    if not robustness.zeros_jump:
-        return shift
-    shifted = raw - shift
-    back = ca.fabs(raw) < ca.fabs(shifted) / 2
-    moves_on = ca.logic_and(doubted, shifted * shift > GOES_ON * shift**2)
-    return ca.if_else(ca.logic_and(read, ca.logic_or(back, moves_on)), 0, shift)
+    return (raw - shift) * shift > GOES_ON * shift**2

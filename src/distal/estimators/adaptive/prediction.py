@@ -135,19 +135,6 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
     return total
 
 
-def shifted_variance(
-    context: FilterContext, joint: int, tracks: VectorNode, p: VectorNode
-) -> ScalarNode:
-    """Return the variance of θ from drives of which it is not known whether they or the zeros of
-    their sensors jumped: (31).
-    """
-    total = ca.MX(0)
-    drives = Tracks(tracks)
-    for i, (ratio, _) in context.moved_by(joint).items():
-        total += (context.parameters(p, [ratio]) * drives[i].shift_std) ** 2
-    return total
-
-
 def revert(
     states: StateVector,
     prediction: Prediction,
