@@ -18,6 +18,7 @@ from distal.estimators.adaptive import Robustness
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
+    faded,
     track_function,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
@@ -169,7 +170,7 @@ def tracked(
         effort = pulls * position
         of_force = [effort + off, READ, 2500.0, shown, 0.0, 0.1, effort]
         given = [position, seen, 2.5e-11, *np.zeros(6), *of_force]
-        now = np.array(step(now, given, dt)).ravel()[:MEMORY]
+        now = np.array(step(now, given, dt, faded(dt))).ravel()[:MEMORY]
         found.append(dict(zip(REMEMBERED, now)))
     return found
 

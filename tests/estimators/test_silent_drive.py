@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from distal import LiveEstimator, Log, estimate, load_rig, load_scenario, scenario_rig, simulate
-from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, track_function
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, faded, track_function
 from distal.estimators.adaptive.guards import Robustness
 from distal.kernels.layout import MISSING, READ
 from distal.rig import build_rig
@@ -23,7 +23,7 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     now, found = np.zeros(MEMORY), []
     for _ in range(200):
         silent = [0.0, MISSING, noise, dead, wandering, *np.zeros(11)]
-        now = np.array(step(now, silent, dt)).ravel()[:MEMORY]
+        now = np.array(step(now, silent, dt, faded(dt))).ravel()[:MEMORY]
         found.append(now[4])
     time = dt * np.arange(1, 201)
     expected = np.maximum(noise, (wandering * np.maximum(time - dead, 0.0)) ** 2)
@@ -82,7 +82,7 @@ def test_what_a_drive_usually_does_is_not_far_and_how_far_a_lost_one_goes(usual:
         for value in readings:
             seen = [0.0, MISSING] if np.isnan(value) else [value, READ]
             rest = [noise, 1e9, 0.0, usual**2, *np.zeros(10)]
-            now = np.array(step(now, [*seen, *rest], dt)).ravel()[:MEMORY]
+            now = np.array(step(now, [*seen, *rest], dt, faded(dt))).ravel()[:MEMORY]
         return now
 
     shift, unknown = (REMEMBERED.index(name) for name in ("shift", "unknown"))

@@ -515,8 +515,8 @@ def test_the_command(tmp_path: Path) -> None:
     names = sorted(path.name for path in out.iterdir())
     stem = "pulley_antagonist_adaptive"
     assert names == sorted(["README.md", f"{stem}.c", f"{stem}.h"])
-    assert "1,464 bytes" in done.output
-    assert "1,464 bytes" in (out / "README.md").read_text()
+    assert "1,468 bytes" in done.output
+    assert "1,468 bytes" in (out / "README.md").read_text()
 
 
 @needs_compiler

@@ -162,8 +162,10 @@ def test_forces_say_which_reading_is_right() -> None:
     parameters = forces_parameters(learned)
     assert JudgedJumps.among([learned], ["x", "f"]) == []
 
-    def square(memory: np.ndarray, x: float, forces: list[float]) -> tuple[float, np.ndarray]:
-        outputs, after = features_function(shape)(memory, DT, x, 1.0, frame_of(learned, shape))
+    def square(
+        memory: np.ndarray, x: float, forces: list[float], dt: float
+    ) -> tuple[float, np.ndarray]:
+        outputs, after = features_function(shape)(memory, dt, x, 1.0, frame_of(learned, shape))
         parts = {name: np.array(v).ravel() for name, v in shape.outputs.parts(outputs).items()}
         errors = np.array(forces) - learned.arrays["mean"] @ parts["features"]
         for j in range(2):
@@ -172,34 +174,43 @@ def test_forces_say_which_reading_is_right() -> None:
         whitened = whitening(learned.arrays["correlation"]) @ errors
         return float(whitened @ whitened / 2), np.array(after).ravel()
 
-    size = shape.memory.size
-    start = np.array(judge.begun(ca.DM([0.1]), ca.DM([1]))).ravel()
-    memory, (off, real) = start, (start[:size], start[size:])
-    for x, jumped in ((0.12, 0.12), (0.13, 0.9), (0.14, 0.91)):
-        forces = [0.3, -0.1]
-        told, after = judge.evidence(
-            ca.DM(memory),
+    memory = judge.begun(ca.DM([0.1]), ca.DM([1]))
+    off = real = np.array(judge.memory.part(memory, "off")).ravel()
+    squares, total = [0.0, 0.0], 0.0
+    forces = [0.3, -0.1]
+    for k, (x, jumped) in enumerate(((0.12, 0.12), (0.13, 0.9), (0.14, 0.91), (0.15, 0.92))):
+        ratio, memory = judge.evidence(
+            memory,
             ca.DM(DT),
             ca.DM([x, *forces]),
             ca.DM([jumped, *forces]),
             ca.DM.ones(3),
             ca.DM(parameters),
         )
-        (one, off), (other, real) = square(off, x, forces), square(real, jumped, forces)
-        real = off if jumped == x else real
-        expected = 2 * DT / INDEPENDENT / 2 * (min(one, MOST) - min(other, MOST))
-        assert float(told) == pytest.approx(expected, rel=1e-6, abs=1e-12)
-        memory = np.array(after).ravel()
-        np.testing.assert_allclose(memory, np.concatenate([off, real]))
-    missing = judge.evidence(
-        ca.DM(memory),
+        total += float(ratio)
+        if k == 2:  # the jumped one is asked at the second sample after the jump
+            squares[1], real = square(real, jumped, forces, 2 * DT)
+        else:
+            squares[0], off = square(off, x, forces, DT if k < 2 else 2 * DT)
+        real = off if k == 0 else real
+        parts = judge.memory.parts(memory)
+        np.testing.assert_allclose(np.array(parts["off"]).ravel(), off)
+        np.testing.assert_allclose(np.array(parts["real"]).ravel(), real)
+        if k == 2:
+            expected = (
+                2 * (2 * DT / INDEPENDENT) / 2 * (min(squares[0], MOST) - min(squares[1], MOST))
+            )
+            assert total == pytest.approx(expected, rel=1e-6)
+    assert total == pytest.approx(expected)
+    missing, _ = judge.evidence(
+        memory,
         ca.DM(DT),
         ca.DM([0.2, 0.3, 0.0]),
         ca.DM([0.9, 0.3, 0.0]),
         ca.DM([1, 1, 0]),
         ca.DM(parameters),
     )
-    assert float(missing[0]) == 0.0
+    assert float(missing) == 0.0
 
 
 def test_there_is_a_width_that_enters_the_radial_functions() -> None:

@@ -152,7 +152,7 @@ class RegressionEstimator(KernelEstimator):
         of_positions = [judged_by(described, sensor) for sensor in self._sensors.positions]
         efforts = () if self.rig.map is None else self.rig.map.efforts
         self._judges = JudgedJumps.among(efforts, self.channels)
-        of_judges = [forces_parameters(each.learned) for each in self._judges]
+        of_judges = [forces_parameters(judge.learned) for judge in self._judges]
         self._p = frozen(np.concatenate([*of_maps, *of_positions, *of_judges]))
         self._begin = None
         if self._kernel is None:
@@ -234,9 +234,9 @@ class RegressionEstimator(KernelEstimator):
             begun_alone(self.rig, sensor, values[k], is_read(mask[k]))
             for k, sensor in enumerate(self._sensors.positions)
         ]
-        for each in self._judges:
-            at = list(each.positions)
-            memories.append(each.begun(values[at], mask[at]))
+        for judge in self._judges:
+            at = list(judge.positions)
+            memories.append(judge.begun(values[at], mask[at]))
         return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
 
 
@@ -256,18 +256,18 @@ def regression_function(
     positions = len(channels.positions)
     shapes = [Shape.of(learned) for learned in maps]
     memories = sum(shape.memory.size for shape in shapes)
-    judged_size = sum(each.size for each in judges)
+    judged_size = sum(judge.size for judge in judges)
     layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions, judges=judged_size)
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
     sizes = [map_layout(shape, len(of.joints)).size for shape, of in zip(shapes, maps)]
-    of_judges = sum(each.parameters for each in judges)
+    of_judges = sum(judge.parameters for judge in judges)
     p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions + of_judges)
     p_left = p
     readings = x[1 : 1 + width]
     masks = x[1 + width :]
     drives = list[VectorNode]()
-    others = ca.MX(readings)
+    elsewhere = ca.MX(readings)
     doubts = ca.MX.zeros(width)
     chance = ca.MX(0)
     at = sum(sizes)
@@ -276,25 +276,25 @@ def regression_function(
         judged = p[at : at + JUDGED.size]
         at += JUDGED.size
         after_it = believed_alone(was, x[0], x[1 + k], x[1 + width + k], judged)
-        found = branches(after_it)
-        readings[k] = found["off"]
-        others[k] = found["real"]
-        doubts[k] = found["variance"]
-        chance = ca.fmax(chance, found["chance"])
-        masks[channels.of_message(k)] *= found["believed"]
+        branch = branches(after_it)
+        readings[k] = branch["off"]
+        elsewhere[k] = branch["real"]
+        doubts[k] = branch["variance"]
+        chance = ca.fmax(chance, branch["chance"])
+        masks[channels.of_message(k)] *= branch["believed"]
         drives.append(after_it)
     judged_memories = []
     begin = 0
-    for each in judges:
-        memory = kernel_state[layout["judges"]][begin : begin + each.size]
-        begin += each.size
-        told, left = each.evidence(
-            memory, x[0], readings, others, masks, p[at : at + each.parameters]
+    for judge in judges:
+        memory = kernel_state[layout["judges"]][begin : begin + judge.size]
+        begin += judge.size
+        ratio, after_it = judge.evidence(
+            memory, x[0], readings, elsewhere, masks, p[at : at + judge.parameters]
         )
-        at += each.parameters
-        judged_memories.append(left)
-        for k in each.positions:
-            drives[k] = with_evidence(drives[k], told)
+        at += judge.parameters
+        judged_memories.append(after_it)
+        for k in judge.positions:
+            drives[k] = with_evidence(drives[k], ratio)
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
@@ -312,7 +312,7 @@ def regression_function(
             masks[columns],
             parameters,
             doubts[columns],
-            others[columns],
+            elsewhere[columns],
             chance,
         )
         stds = ca.sqrt(variances)

@@ -334,8 +334,8 @@ def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Exp
 
 
 @lru_cache(maxsize=32)
-def map_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function of a map: (memory, dt, readings, mask, parameters, doubts, others,
+def map_function(shape: Shape, joints: int, beside_filter: bool = False) -> ca.Function:
+    """Return the function of a map: (memory, dt, readings, mask, parameters, doubts, elsewhere,
     chance) → (values, gains, variances, memory⁺).
 
     A value is φᵀ m. Its variance is φᵀ C φ + σ² + s_r² (what no radial function explains) + (Σ_i
@@ -351,7 +351,7 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
     mask = ca.MX.sym("mask", shape.channels)
     layout = map_layout(shape, joints)
     parameters = ca.MX.sym("parameters", layout.size)
-    doubts, others = (ca.MX.sym(name, shape.channels) for name in ("doubts", "others"))
+    doubts, elsewhere = (ca.MX.sym(name, shape.channels) for name in ("doubts", "elsewhere"))
     chance = ca.MX.sym("chance")
     of = layout.parts(parameters)
     outputs, after = features_function(shape)(memory, dt, readings, mask, of["frame"])
@@ -370,13 +370,16 @@ def map_function(shape: Shape, joints: int) -> ca.Function:
             ca.fmax(spread, 0) + of["noise"][j] + of["radial"][j] * out["far"] + beside
         )
     values = ca.mtimes(of["mean"].T, phi)
-    instead = ca.MX(readings)
-    instead[: shape.channels] = others
-    elsewhere, _ = features_function(shape)(memory, dt, instead, mask, of["frame"])
-    there = ca.mtimes(of["mean"].T, shape.outputs.part(elsewhere, "features")) - values
-    spreads = ca.vertcat(*variances) + chance * (1 - chance) * there**2
-    results = [values + chance * there, of["filter"], spreads, after]
-    inputs = [memory, dt, readings, mask, parameters, doubts, others, chance]
+    spreads = ca.vertcat(*variances)
+    if not beside_filter:
+        second = ca.MX(readings)
+        second[: shape.channels] = elsewhere
+        of_second, _ = features_function(shape)(memory, dt, second, mask, of["frame"])
+        apart = ca.mtimes(of["mean"].T, shape.outputs.part(of_second, "features")) - values
+        values += chance * apart
+        spreads += chance * (1 - chance) * apart**2
+    results = [values, of["filter"], spreads, after]
+    inputs = [memory, dt, readings, mask, parameters, doubts, elsewhere, chance]
     return ca.Function("map", inputs, results)
 
 
@@ -472,14 +475,23 @@ class JudgedJumps:
         return Shape.of(self.learned)
 
     @property
+    def memory(self) -> Layout:
+        """What is remembered: of the features at either reading, whether the `real` one is asked
+        next, the last T², and the interval before it [s].
+        """
+        size = self.shape.memory.size
+        return Layout(off=size, real=size, is_next=1, square=1, waited=1)
+
+    @property
     def size(self) -> int:
-        """Length of its memory: of the features at either reading."""
-        return 2 * self.shape.memory.size
+        """Length of its memory."""
+        return self.memory.size
 
     def begun(self, positions: Expression, mask: Expression) -> Expression:
         """Return its memory before the first sample."""
         memory = begun_by(self.learned, positions, mask)
-        return ca.vertcat(memory, memory)
+        beginning: Expression = ca.vertcat(memory, memory, 0, 0, 0)
+        return beginning
 
     @property
     def parameters(self) -> int:
@@ -496,21 +508,32 @@ class JudgedJumps:
         parameters: VectorNode,
     ) -> tuple[VectorNode, VectorNode]:
         """Return the logarithm of the likelihood ratio of the `real` readings to those that are
-        `off`, and the memory⁺, by a sample.
+        `off`, and the memory⁺, by a sample. After a jump samples ask both in turn.
         """
-        positions, forces = list(self.positions), list(self.forces)
-        function = forces_function(self.shape, len(forces))
-        there = mask[positions]
-        # what plays remember differs from the jump on, and is the same while there is none
-        was, was_real = ca.vertsplit(memory, self.shape.memory.size)
-        of_off, after = function(was, dt, off[positions], there, off[forces], parameters)
-        of_real, after_real = function(
-            was_real, dt, real[positions], there, off[forces], parameters
-        )
+        positions = list(self.positions)
+        forces = list(self.forces)
+        was = self.memory.parts(memory)
         differs = reduce(ca.fmax, ca.vertsplit(off[positions] != real[positions]))
-        after = ca.vertcat(after, ca.if_else(differs, after_real, after))
+        is_real = differs * was["is_next"]
+        # what plays remember differs from the jump on, and is the same while there is none
+        square, after = forces_function(self.shape, len(forces))(
+            ca.if_else(is_real, was["real"], was["off"]),
+            dt + differs * was["waited"],
+            ca.if_else(is_real, real[positions], off[positions]),
+            mask[positions],
+            off[forces],
+            parameters,
+        )
         is_read = reduce(ca.fmin, ca.vertsplit(mask[[*positions, *forces]] > 0))
-        return is_read * likelihood_ratio(of_off, of_real, len(forces), dt), after
+        ratio = likelihood_ratio(was["square"], square, len(forces), dt + was["waited"])
+        following = self.memory.joined(
+            off=ca.if_else(is_real, was["off"], after),
+            real=ca.if_else(differs * (1 - is_real), was["real"], after),
+            is_next=differs * (1 - is_real),
+            square=square,
+            waited=dt,
+        )
+        return is_read * is_real * ratio, following
 
 
 MOST_EVIDENCE = 50.0
@@ -519,18 +542,18 @@ function).
 """
 
 
-def added(evidence: Expression, told: Expression) -> Expression:
+def added(evidence: Expression, ratio: Expression) -> Expression:
     """Return the logarithm of odds after more evidence, within `MOST_EVIDENCE`."""
-    total: Expression = ca.fmin(ca.fmax(evidence + told, -MOST_EVIDENCE), MOST_EVIDENCE)
+    total: Expression = ca.fmin(ca.fmax(evidence + ratio, -MOST_EVIDENCE), MOST_EVIDENCE)
     return total
 
 
-def likelihood_ratio(one: VectorNode, other: VectorNode, forces: int, dt: VectorNode) -> VectorNode:
-    """Return the logarithm of the likelihood of a sample that has T² `other` over that of one that
-    has T² `one`, by so many forces.
+def likelihood_ratio(off: VectorNode, real: VectorNode, forces: int, dt: VectorNode) -> VectorNode:
+    """Return the logarithm of the likelihood of a sample that has T² `real` over that of one that
+    has T² `off`, by so many forces.
     """
     count = forces * ca.fmin(dt / INDEPENDENT, 1) / 2
-    return count * (ca.fmin(one, MOST) - ca.fmin(other, MOST))
+    return count * (ca.fmin(off, MOST) - ca.fmin(real, MOST))
 
 
 def variance_beside(

@@ -59,10 +59,10 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
 
 
 @lru_cache(maxsize=32)
-def homed_function(shape: Shape, joints: int) -> ca.Function:
-    """Return the function (memory, dt, readings, mask, parameters, doubts, others, chance, targets,
-    given, beside) → (values, gains, variances, memory⁺): that of `map_function` with the weights of
-    the memory, which known targets condition first.
+def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Function:
+    """Return the function (memory, dt, readings, mask, parameters, doubts, elsewhere, chance,
+    targets, given, beside) → (values, gains, variances, memory⁺): that of `map_function` with the
+    weights of the memory, which known targets condition first.
 
     With φ of this sample, one feature more that is 1 for the constant error o of what is known, the
     innovation ν = target − φᵀ m − o and S = (φ, 1)ᵀ C (φ, 1) + R: m⁺ = m + C (φ, 1) ν/S and C⁺ = C
@@ -73,6 +73,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
 
     Args:
         shape: of the map's features.
+        beside_filter: whether it corrects a filter's angles, see `map_function`.
         joints: number of joints. For each, `targets` is what the map should have given, `given` 1
             where that is known, and `beside` the variance of the filter's own angle.
     """
@@ -82,7 +83,7 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     readings = ca.MX.sym("readings", shape.count)
     mask = ca.MX.sym("mask", shape.channels)
     parameters = ca.MX.sym("parameters", map_layout(shape, joints).size)
-    doubts, others = (ca.MX.sym(name, shape.channels) for name in ("doubts", "others"))
+    doubts, elsewhere = (ca.MX.sym(name, shape.channels) for name in ("doubts", "elsewhere"))
     chance = ca.MX.sym("chance")
     targets, is_given, beside = (ca.MX.sym(name, joints) for name in ("targets", "given", "beside"))
     was = layout.parts(memory)
@@ -114,8 +115,8 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     mean = ca.horzcat(*means)
     weights = {name: covariance[:n, :n] for name, covariance in covariances.items()}
     with_weights = map_layout(shape, joints).joined(**{**of, "mean": mean[:n, :], **weights})
-    values, gains, variances, after = map_function(shape, joints)(
-        was["map"], dt, readings, mask, with_weights, doubts, others, chance
+    values, gains, variances, after = map_function(shape, joints, beside_filter)(
+        was["map"], dt, readings, mask, with_weights, doubts, elsewhere, chance
     )
     following = layout.joined(
         map=after,
@@ -126,7 +127,19 @@ def homed_function(shape: Shape, joints: int) -> ca.Function:
     )
     return ca.Function(
         "homed_map",
-        [memory, dt, readings, mask, parameters, doubts, others, chance, targets, is_given, beside],
+        [
+            memory,
+            dt,
+            readings,
+            mask,
+            parameters,
+            doubts,
+            elsewhere,
+            chance,
+            targets,
+            is_given,
+            beside,
+        ],
         [values, gains, variances, following],
     )
 
@@ -213,11 +226,11 @@ def reporting_function(
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
-    sizes = [*(placed.size for placed in maps), *(each.size for each in judges)]
-    numbers = [*(placed.parameters for placed in maps), *(each.parameters for each in judges)]
+    sizes = [*(placed.size for placed in maps), *(judge.size for judge in judges)]
+    sizes_of_p = [*(placed.parameters for placed in maps), *(judge.parameters for judge in judges)]
     kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(sizes))
     x = ca.MX.sym("x", inner.size1_in(1))
-    p = ca.MX.sym("p", n_parameters + sum(numbers))
+    p = ca.MX.sym("p", n_parameters + sum(sizes_of_p))
     width = (x.numel() - 1) // 2
     read = ca.MX(x)
     for home in {home for placed in maps for home in placed.homes}:
@@ -229,16 +242,16 @@ def reporting_function(
     number = n_parameters
     doubts = ca.MX.zeros(width)
     readings = x[1 : 1 + width]
-    others = x[1 : 1 + width]
+    elsewhere = x[1 : 1 + width]
     masks = x[1 + width :]
     chance = ca.MX(0)
     of_joints = ca.MX.zeros(len(variances))
     if tracked is not None:
-        tracks, elsewhere, chance, variances_of_tracks, believed, of_joints = tracked(
+        tracks, second, chance, variances_of_tracks, believed, of_joints = tracked(
             following, p[:n_parameters]
         )
         readings[: tracks.numel()] = tracks
-        others[: tracks.numel()] = elsewhere
+        elsewhere[: tracks.numel()] = second
         doubts[: tracks.numel()] = variances_of_tracks
         masks *= believed
     # what the logs taught of the filter's errors holds neither in a touch nor after a jump
@@ -257,11 +270,6 @@ def reporting_function(
         memory = kernel_state[at : at + placed.size]
         parameters = p[number : number + placed.parameters]
         of_doubt = doubts[list(placed.channels)]
-        of_others = others[list(placed.channels)]
-        of_chance = chance
-        if placed.learned.beside_filter:
-            of_others = ca.vertcat(*inputs[: placed.shape.channels])
-            of_chance = 0
         arguments = [
             memory,
             x[0],
@@ -269,8 +277,8 @@ def reporting_function(
             mask,
             parameters,
             of_doubt,
-            of_others,
-            of_chance,
+            elsewhere[list(placed.channels)],
+            chance,
         ]
         if placed.homes:
             homes = list(placed.homes)
@@ -280,10 +288,12 @@ def reporting_function(
             if placed.learned.beside_filter:
                 given = given - angles
                 beside = following[[variances[i] for i in placed.states]]
-            function = homed_function(placed.shape, placed.joints)
+            function = homed_function(placed.shape, placed.joints, placed.learned.beside_filter)
             values, gains, spreads, after = function(*arguments, given, is_given, beside)
         else:
-            values, gains, spreads, after = map_function(placed.shape, placed.joints)(*arguments)
+            values, gains, spreads, after = map_function(
+                placed.shape, placed.joints, placed.learned.beside_filter
+            )(*arguments)
         if placed.learned.beside_filter:
             # while touched, nobody knows whether the map still holds
             spreads = spreads + opened * values**2 + of_joints[list(placed.states)]
@@ -298,17 +308,17 @@ def reporting_function(
         at += placed.size
         number += placed.parameters
     following = ca.MX(following)
-    for each in judges:
-        memory = kernel_state[at : at + each.size]
-        told, after = each.evidence(
-            memory, x[0], readings, others, masks, p[number : number + each.parameters]
+    for judge in judges:
+        memory = kernel_state[at : at + judge.size]
+        ratio, after = judge.evidence(
+            memory, x[0], readings, elsewhere, masks, p[number : number + judge.parameters]
         )
-        for k in each.positions:
-            has_jumped = readings[k] != others[k]
-            following[evidence[k]] = added(following[evidence[k]], told * has_jumped)
+        for k in judge.positions:
+            has_jumped = readings[k] != elsewhere[k]
+            following[evidence[k]] = added(following[evidence[k]], ratio * has_jumped)
         memories.append(after)
-        at += each.size
-        number += each.parameters
+        at += judge.size
+        number += judge.parameters
     reports = [part for of_states in answers.values() for part in _pooled(opened, *of_states)]
     return ca.Function(
         "reporting",

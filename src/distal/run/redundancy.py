@@ -199,7 +199,7 @@ class Redundancy:
         at = self.memory - MEMORY * len(self.judged)
         tracks = list[VectorNode]()
         values = ca.MX(came["values"])
-        others = ca.MX(came["values"])
+        elsewhere = ca.MX(came["values"])
         shifted = ca.MX.zeros(len(self.channels))
         lasting = ca.MX.zeros(len(self.channels))
         masks = ca.MX(came["mask"])
@@ -213,13 +213,13 @@ class Redundancy:
             track = believed_alone(
                 was_there, came["dt"], values[k], masks[k], ca.MX(ca.DM(judged_with))
             )
-            found = branches(track)
-            is_real = found["chance"] > 0.5
-            values[k] = ca.if_else(is_real, found["real"], found["off"])
-            others[k] = ca.if_else(is_real, found["off"], found["real"])
-            lasting[k] = found["lasts"]
-            shifted[k] = ca.if_else(found["off"] == found["real"], 0, 2 * is_real - 1)
-            masks[list(message)] *= found["believed"]
+            branch = branches(track)
+            is_real = branch["chance"] > 0.5
+            values[k] = ca.if_else(is_real, branch["real"], branch["off"])
+            elsewhere[k] = ca.if_else(is_real, branch["off"], branch["real"])
+            lasting[k] = branch["lasts"]
+            shifted[k] = ca.if_else(branch["off"] == branch["real"], 0, 2 * is_real - 1)
+            masks[list(message)] *= branch["believed"]
             tracks.append(track)
         came = {**came, "values": values, "mask": masks}
         at = 0
@@ -233,13 +233,13 @@ class Redundancy:
             )
             is_read = _every(mask)
             # which of both readings of a position that jumped is right
-            instead, _, left_there = part.compared(
-                was["instead"], came["first"], came["dt"], others[part.read], mask
+            second, _, after_second = part.compared(
+                was["second"], came["first"], came["dt"], elsewhere[part.read], mask
             )
-            told = is_read * likelihood_ratio(instead, square, len(part.learned.joints), came["dt"])
+            ratio = is_read * likelihood_ratio(second, square, len(part.learned.joints), came["dt"])
             for i, (k, *_) in enumerate(self.judged):
                 if k in part.read:
-                    tracks[i] = with_evidence(tracks[i], told * shifted[k])
+                    tracks[i] = with_evidence(tracks[i], ratio * shifted[k])
             judged = is_read * (beyond <= 0)
             now = averaged(was, came["first"], square, came["dt"], judged)
             remembered = {**was, "features": left, **now}
@@ -251,7 +251,7 @@ class Redundancy:
             outside.append(beyond > 0)
             jumped = _any(lasting[part.read])
             has_jumped = _any(ca.fabs(shifted[part.read]))
-            remembered["instead"] = ca.if_else(has_jumped, left_there, left)
+            remembered["second"] = ca.if_else(has_jumped, after_second, left)
             unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), jumped))
             after.append(part.memory.joined(**remembered))
         return ca.vertcat(*after, *tracks), *(ca.vertcat(*of) for of in (squares, unlike, outside))
@@ -285,7 +285,7 @@ class _Part:
         size = self.shape.memory.size
         return Layout(
             features=size,
-            instead=size,
+            second=size,
             means=len(AVERAGED),
             time=1,
             turn=1,

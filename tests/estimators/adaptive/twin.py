@@ -207,10 +207,9 @@ class Twin:
         e = start + d.speed * dt
         o, doubt, evidence = d.o, d.doubt, d.evidence
         goes_on = k > 0 and doubt < dt and (z - o - e) * o > o**2 / 4
-        if k > 0:  # (2b)
-            if abs(z - e) < abs(z - o - e) or goes_on:
-                self.taken["a shift that ended"] += o != 0
-                o = 0.0
+        if k > 0 and (goes_on or abs(z - e) < abs(z - o - e)):  # (2b)
+            self.taken["a shift that ended"] += o != 0
+            o = 0.0
         jump, far, judged = z - o - e, False, False
         force = self.force_of[i]
         judged = force is not None and mask[self.channels.index(force)] > 0
@@ -229,7 +228,7 @@ class Twin:
             doubt = doubt + dt if o != 0 else 0.0
         lasting = self.guards.persistence if judged else self.guards.persistence_alone
         first = self.guards.real_jump
-        weight = (1 - first) * exp(-log(100) * doubt / lasting) + 0.002
+        weight = (1 - first) * max(1 - doubt / lasting, 0.0) + 0.002
         p = 1 / (1 + exp(-evidence) * weight / first)  # (2)
         if o == 0 or p > 0.97:
             o, p = 0.0, 1.0

@@ -182,7 +182,8 @@ def tracking(states: StateVector) -> ca.Function:
         if context.position_sensor(i) is not None:
             judged = _judged(context, i)
             track = track_function(context.robustness, judged)
-            drives[i] = track(memory[MEMORY * i : MEMORY * (i + 1)], readings[i], x[0])
+            memory_of_drive = memory[MEMORY * i : MEMORY * (i + 1)]
+            drives[i] = track(memory_of_drive, readings[i], x[0], faded(x[0]))
     bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
     vector = ca.vertcat(*(drive[:MEMORY] for drive in drives), *bends, *variances)
     return ca.Function("track", [mean, memory, x, p], [vector])
@@ -285,9 +286,17 @@ def _readings(states: StateVector) -> ca.Function:
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
+def faded(dt: Expression) -> Expression:
+    """Return the share of a drive's mean speed that is left after an interval dt, e^{−dt/(2 T_v)};
+    once for all drives, since exponential functions are slow on a microcontroller.
+    """
+    share: Expression = ca.exp(-dt / (2 * MOTION_TIME))
+    return share
+
+
 def track_function(robustness: Robustness, judged: bool) -> ca.Function:
-    """Return the function (memory, `READING`, dt) → what is known of a drive after a reading,
-    `TRACKED`; a missing reading is bridged by the mean speed, which fades.
+    """Return the function (memory, `READING`, dt, `faded`) → what is known of a drive after a
+    reading, `TRACKED`; a missing reading is bridged by the mean speed, which fades.
 
     A reading that is far from the position expected by the mean speed is right with a chance p, or
     off by a shift s: a wild reading, which comes back, or a zero that jumped, which does not. From
@@ -302,6 +311,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY)
     readings = ca.SX.sym("readings", READING.size)
     dt = ca.SX.sym("dt")
+    fade = ca.SX.sym("fade")
     position, doubt, speed, square, unknown, lost, shift, was_real, evidence, effort, repeats = (
         ca.vertsplit(memory)
     )
@@ -328,16 +338,16 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     far = is_new * is_far(robustness, jump, recent * time * time + lost_before, noise)
     # (2) the chance that the jump is real: by where the logs were, and by the drive's force
     away = ((reading - centre) / ca.fmax(scale, SMALLEST_SCALE)) ** 2
-    told = ca.if_else(scale > 0, -ca.fmax(away - NEAR, 0) / 2, 0)
+    ratio = ca.if_else(scale > 0, -ca.fmax(away - NEAR, 0) / 2, 0)
     if judged:
         # a tendon alone does not push
         pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
         pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
-        told += judges * jump_evidence(missing, pull, variance, shown)
+        ratio += judges * jump_evidence(missing, pull, variance, shown)
     # after old readings all drives may have gone anywhere together
     is_after_old = judges * (repeats >= OLD)
-    told = ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ca.fmax(told, -MOST_EVIDENCE))
-    evidence = ca.if_else(far, told, evidence)
+    ratio = ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ca.fmax(ratio, -MOST_EVIDENCE))
+    evidence = ca.if_else(far, ratio, evidence)
     # between slow samples it may have been there since the mean speed faded
     doubt = ca.if_else(far, ca.fmax(dt - MOTION_TIME, 0), ca.if_else(shift == 0, 0, doubt + dt))
     # or the zero of its sensor has jumped, and the drive goes on as it did
@@ -357,7 +367,6 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), seen)
     believed = ca.if_else(is_there(mask), ca.if_else(far, real, 1), 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
-    fade = ca.exp(-dt / (2 * MOTION_TIME))
     # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of
     # time
     astray = ca.fmax(unknown, recent * time * time + noise)
@@ -390,7 +399,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
     parts = ca.vertcat(*vars(drive).values())
-    return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])
+    return ca.Function("drive", [memory, readings, dt, fade], [ca.cse(ca.densify(parts))])
 
 
 JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
@@ -420,7 +429,8 @@ def believed_alone(
     """Return what is remembered of a position where no force judges it; see `track_function`."""
     came = {"reading": reading, "mask": mask, **JUDGED.parts(judged)}
     track = track_function(Robustness(), False)
-    drive = track(memory, ca.vertcat(*(came.get(name, 0) for name in READING.names)), dt)
+    readings = ca.vertcat(*(came.get(name, 0) for name in READING.names))
+    drive = track(memory, readings, dt, faded(dt))
     return drive[:MEMORY]
 
 
@@ -429,12 +439,12 @@ def either_variance(real: Expression, shift: Expression) -> Expression:
     return (1 - real) * real * shift**2
 
 
-def with_evidence(memory: VectorNode, told: VectorNode) -> VectorNode:
+def with_evidence(memory: VectorNode, ratio: VectorNode) -> VectorNode:
     """Return what is remembered of a drive after evidence that its last jump was real."""
     changed = ca.MX(memory)
     at = REMEMBERED.index("evidence")
     has_jumped = memory[REMEMBERED.index("shift")] != 0
-    changed[at] = added(memory[at], told * has_jumped)
+    changed[at] = added(memory[at], ratio * has_jumped)
     return changed
 
 
@@ -444,7 +454,8 @@ def branches(memory: Expression) -> dict[str, Expression]:
     wild reading; by its `REMEMBERED` values.
     """
     drive = dict(zip(REMEMBERED, (memory[k] for k in range(MEMORY))))
-    shift, real = drive["shift"], drive["real"]
+    shift = drive["shift"]
+    real = drive["real"]
     return {
         "off": drive["position"] - real * shift,
         "real": drive["position"] + (1 - real) * shift,

@@ -134,8 +134,8 @@ def _with_maps(
             better = spreads[k] < variances[joint]
             mean[joint] = ca.if_else(better, angles[k], mean[joint])
             variances[joint] = ca.if_else(better, spreads[k], variances[joint])
-    numbers = [*(placed.parameters for placed in maps), *(each.parameters for each in judges)]
-    number = p.numel() - sum(numbers)
+    sizes_of_p = [*(placed.parameters for placed in maps), *(judge.parameters for judge in judges)]
+    number = p.numel() - sum(sizes_of_p)
     for placed in maps:
         columns = list(placed.channels)
         of = (tracked if placed.learned.beside_filter else values)[columns]
@@ -147,9 +147,9 @@ def _with_maps(
             begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
         memory = ca.vertcat(memory, begun)
         number += placed.parameters
-    for each in judges:
-        at = list(each.positions)
-        memory = ca.vertcat(memory, each.begun(values[at], is_present[at]))
+    for judge in judges:
+        at = list(judge.positions)
+        memory = ca.vertcat(memory, judge.begun(values[at], is_present[at]))
     return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
 
 
@@ -227,7 +227,7 @@ class AdaptiveFilter(KernelEstimator):
             on a chain `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
         kinds: functions that give the states of a rig, one for each kind of state.
-        folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
+        folded: write all numbers but the equations' parameters into the kernel, for C second.
         home_std: where it is given, the references do not move the filter but condition its maps,
             see `homing_filter` [rad].
 
@@ -267,7 +267,7 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self.states.context.mechanism.parameters.values
-        parameters = np.concatenate([parameters, *self._of_maps()])
+        parameters = np.concatenate([parameters, *self._map_parameters()])
         measured = tuple(sensor.name for sensor in channels.compared)
         super().__init__(
             name,
@@ -291,9 +291,9 @@ class AdaptiveFilter(KernelEstimator):
         """Those beside the filter, and those that share in the angles."""
         return (*self.maps.filter, *self.maps.pooled)
 
-    def _of_maps(self) -> list[Floats]:
+    def _map_parameters(self) -> list[Floats]:
         """Return the parameters of its maps."""
-        judges = (forces_parameters(each.learned) for each in self._judges)
+        judges = (forces_parameters(judge.learned) for judge in self._judges)
         return [*map(map_parameters, self._reporting_maps), *judges]
 
     @property
@@ -356,17 +356,17 @@ class AdaptiveFilter(KernelEstimator):
         believed = ca.SX.ones(len(context.channels.names))
         for k, sensor in enumerate(context.channels.positions):
             at = begin + MEMORY * drives.index(sensor.of)
-            found = branches(state[at : at + MEMORY])
+            branch = branches(state[at : at + MEMORY])
             offset = context.corrected(sensor, ca.SX(0))
             gain = context.corrected(sensor, ca.SX(1)) - offset
-            placed = [(found[name] - offset) / gain for name in ("off", "real")]
-            columns.append((*placed, found["variance"] / gain**2))
-            believed[context.channels.of_message(k)] = found["believed"]
-            chance = ca.fmax(chance, found["chance"])
+            placed = [(branch[name] - offset) / gain for name in ("off", "real")]
+            columns.append((*placed, branch["variance"] / gain**2))
+            believed[context.channels.of_message(k)] = branch["believed"]
+            chance = ca.fmax(chance, branch["chance"])
             either[drives.index(sensor.of)] = (
-                found["chance"] * (1 - found["chance"]) * (found["real"] - found["off"]) ** 2
+                branch["chance"] * (1 - branch["chance"]) * (branch["real"] - branch["off"]) ** 2
             )
-        placed, elsewhere, variances = (ca.vertcat(*rows) for rows in zip(*columns))
+        placed, second, variances = (ca.vertcat(*rows) for rows in zip(*columns))
         spreads = [
             sum(
                 context.number(ratio) ** 2 * either.get(i, 0)
@@ -375,7 +375,7 @@ class AdaptiveFilter(KernelEstimator):
             for joint in context.mechanism.free
         ]
         of_joints = ca.mtimes(context.mechanism.spread**2, ca.vertcat(*spreads))  # (31)
-        outputs = [placed, elsewhere, chance, variances, believed, of_joints]
+        outputs = [placed, second, chance, variances, believed, of_joints]
         symbols = context.mechanism.parameters.symbols
         outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
         return ca.Function("tracked", [state, p], outputs)
@@ -425,13 +425,13 @@ class AdaptiveFilter(KernelEstimator):
         changed = copy(self)
         changed.maps = maps
         parameters = self.parameters[: len(self.parameter_names)]
-        changed._p = frozen(np.concatenate([parameters, *changed._of_maps()]))
+        changed._p = frozen(np.concatenate([parameters, *changed._map_parameters()]))
         changed._begin = None
         return changed
 
     def folded(self) -> AdaptiveFilter:
         """Return the same filter with all numbers but the parameters of the equations written into
-        its function, for C elsewhere.
+        its function, for C second.
         """
         context = self.states.context
         return AdaptiveFilter(
@@ -469,7 +469,9 @@ class AdaptiveFilter(KernelEstimator):
                 (placed.learned.structure, placed.channels, placed.states, placed.homes)
                 for placed in self._reported
             ),
-            judges=tuple((e.learned.structure, e.positions, e.forces) for e in self._judges),
+            judges=tuple(
+                (judge.learned.structure, judge.positions, judge.forces) for judge in self._judges
+            ),
         )
 
     @property

@@ -9,7 +9,7 @@ equations for wild readings and lost drives.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, log, radians
+from math import inf, isfinite, radians
 
 import casadi as ca
 
@@ -26,8 +26,8 @@ class Robustness:
         wild_displacement: distance of a reading from the expected one, in recent motions, beyond
             which the reading is wild [1].
         real_jump: chance that a far reading is a real jump, if nothing else is known [1].
-        persistence: time after which a jump that stays is 100 times as likely real, where a force
-            can judge it [s].
+        persistence: time after which a jump that stays is no wild reading, where a force can judge
+            it [s].
         persistence_alone: the same where no force can [s].
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose position is not known [s].
@@ -246,7 +246,7 @@ def chance_of_jump(
     """Return the chance that a drive made the jump of its reading: (2).
 
     It did so with `real_jump` r, or its sensor's zero jumped, with f, or this reading is wild, with
-    1 − r, of which less is left the longer it stays: p = 1/(1 + e^{−E} ((1 − r) 100^{−t/T} + f)/r).
+    1 − r, of which less is left the longer it stays: p = 1/(1 + e^{−E} ((1 − r) (1 − t/T)⁺ + f)/r).
 
     Args:
         time: since the jump, t [s].
@@ -256,7 +256,7 @@ def chance_of_jump(
     """
     lasting = ca.if_else(judged, robustness.persistence, robustness.persistence_alone)
     real = robustness.real_jump
-    wild = (1 - real) * ca.exp(-log(100.0) * time / lasting)
+    wild = (1 - real) * ca.fmax(1 - time / lasting, 0)
     shifted = ca.if_else(felt, SHIFTED_FELT, SHIFTED)
     return 1 / (1 + ca.exp(-evidence) * (wild + shifted) / real)
 
@@ -296,6 +296,10 @@ def returns(shift: Scalar, raw: Scalar) -> Scalar:
 
 def moves_on(shift: Scalar, raw: Scalar) -> Scalar:
     """Return 1 where a reading goes on in the direction of the jump, which was a motion of the
-    drive then, (2b); see `returns`.
+    drive then, (2b).
+
+    Args:
+        shift: as for `returns` [m, rad].
+        raw: as for `returns` [m, rad].
     """
     return (raw - shift) * shift > GOES_ON * shift**2
