@@ -531,7 +531,7 @@ class JudgedJumps:
             real=ca.if_else(differs * (1 - is_real), was["real"], after),
             is_next=differs * (1 - is_real),
             square=square,
-            waited=dt,
+            waited=differs * dt,
         )
         return is_read * is_real * ratio, following
 
