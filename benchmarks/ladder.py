@@ -30,7 +30,7 @@ from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_
 from benchmarks.chains import simulated
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log
 from distal.diagnosis import why_diverged
-from distal.diagnosis.finding import COMPLIANCE, SCALE, ZERO
+from distal.diagnosis.causes import COMPLIANCE, SCALE, ZERO
 from distal.errors import DivergedError
 from distal.logs import write_log
 from distal.results import Estimate

@@ -32,7 +32,7 @@ from benchmarks.report import table
 from benchmarks.shell import estimate
 from benchmarks.touch import CASES, fitted
 from distal import Log, Rig, read_log
-from distal.fitting.learn_free_motion import untouched
+from distal.fitting.learned_maps import untouched
 from distal.logs import true_angles
 from distal.regression import Prior
 

@@ -24,7 +24,8 @@ from benchmarks.report import table
 from benchmarks.shell import write_rig
 from benchmarks.wrong_inputs import KINDS, sensors_of
 from distal import Log, Rig, load_rig, read_log, write_log
-from distal.fitting import learn_free_motion
+from distal.fitting.learned_maps import efforts_of
+from distal.regression import features
 from distal.run import redundancy
 
 TIMES = ((1.0, 1.0), (3.0, 3.0), (1.0, 30.0), (3.0, 30.0))
@@ -56,9 +57,9 @@ def shares(folder: Path, times: tuple[float, float], largest: float) -> dict[str
     learned_from = [read_log(path, rig) for path in sorted(folder.glob("calibration_*.csv"))]
     with (
         patch.object(redundancy, "AVERAGED", times),
-        patch.object(redundancy, "MOST", largest),
+        patch.object(features, "MOST", largest),
     ):
-        maps = learn_free_motion.efforts_of(learned_from, rig, range(len(learned_from)))
+        maps = efforts_of(learned_from, rig, range(len(learned_from)))
         learned = rig.with_map(efforts=maps)
         return {
             kind: [

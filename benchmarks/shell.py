@@ -20,7 +20,7 @@ from distal.cli.app import app
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import usual_estimator
-from distal.fitting.result import write_fitted
+from distal.fitting.fit import write_fitted
 from distal.logs import name_and_unit, read_table, true_angles
 from distal.rig import angle_names, torque_names
 from distal.rig.validation import std_name

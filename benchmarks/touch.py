@@ -28,7 +28,7 @@ from benchmarks.report import table
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
 from distal.estimators import samples_of_angles
-from distal.fitting.learn_free_motion import efforts_of
+from distal.fitting.learned_maps import efforts_of
 from distal.logs import write_columns
 from distal.regression import YARDSTICKS, Samples, yardstick_error
 from distal.run import Monitor

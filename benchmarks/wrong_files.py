@@ -21,7 +21,7 @@ from distal import Rig
 from distal.errors import RigError
 from distal.hands import Routine, RoutineOptions, calibrate
 from distal.logs import Log
-from distal.rig.hand_tables.rig_of_table import Row, hand_of
+from distal.rig.hand_tables import Row, hand_of
 
 KINDS = ("range", "zero", "exchanged", "direction", "swapped", "turn", "gear", "radius")
 """What is wrong: an end of a range or a zero by 4 to 8°; both ends of a range exchanged; the

@@ -45,8 +45,8 @@ from distal import (
 )
 from distal.confidence import BAND
 from distal.logs import MessageReader, true_angles, write_log
-from distal.rig import log_factor
 from distal.regression import MOST
+from distal.rig import log_factor
 from distal.run.redundancy import Redundancy
 
 WIDE = 1.5

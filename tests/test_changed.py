@@ -13,7 +13,7 @@ def touched(module: str) -> set[str]:
 
 
 def test_a_module_touches_the_tests_that_import_it() -> None:
-    found = touched("distal.homing.home")
+    found = touched("distal.homing")
     assert "test_home.py" in found
     assert "test_csv.py" not in found
 

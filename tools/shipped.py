@@ -19,7 +19,7 @@ import numpy as np
 from tests.support.maps import with_learned_map
 
 from distal import load_rig, read_log
-from distal.fitting.result import write_fitted
+from distal.fitting.fit import write_fitted
 
 ROOT = Path(__file__).parents[1]
 START = ROOT / "examples" / "da_vinci" / "start.toml"

@@ -21,8 +21,7 @@ from distal.estimators.adaptive.update import (
     compared,
     measurement_rows_of,
 )
-from distal.estimators.estimator_protocol import StateKind
-from distal.estimators.read_channels import UNKNOWN_POSITION
+from distal.estimators.estimator_protocol import UNKNOWN_POSITION, StateKind
 from distal.kernels import covariance_of, mean_of
 from distal.model import Kick, kick_and_drift, responses
 from distal.rig import Rig

@@ -18,7 +18,7 @@ from distal.estimators.adaptive.joint_motion import moved
 from distal.estimators.adaptive.prediction import play, predicted, revert
 from distal.estimators.adaptive.touch import DRIVE
 from distal.estimators.adaptive.update import ROW, SINCE, SLOPED, Rows, comparison_function, weights
-from distal.estimators.kalman import Downdate, along
+from distal.estimators.kinematic import Downdate, along
 from distal.kernels import Kernel
 from distal.rig import Rig
 

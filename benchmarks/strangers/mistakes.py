@@ -32,7 +32,7 @@ from benchmarks.strangers.library import (
 from benchmarks.strangers.plants import wide_rig
 from benchmarks.strangers.random_rigs import drawn_plant, random_case
 from benchmarks.strangers.scoring import Job, Record, Table, share
-from distal.diagnosis.finding import COMPLIANCE, SCALE
+from distal.diagnosis.causes import COMPLIANCE, SCALE
 
 NAME = "mistakes"
 TAG = 77

@@ -201,13 +201,13 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for folder in ("src/distal/estimators", "tests/estimators", ".git"):
         (root / folder).mkdir(parents=True)
     (root / "src/distal/__init__.py").write_text("")
-    (root / "src/distal/estimators/kalman.py").write_text(
+    (root / "src/distal/estimators/kinematic.py").write_text(
         "def gain(p, r):\n    return p / (p + r)\n\n\ndef unused(a):\n    return a < 3\n\n\ndef "
         "down(n):\n"
         "    while n:\n        n -= 1\n"
     )
     (root / "tests/estimators/test_gain.py").write_text(
-        "import pytest\nfrom distal.estimators.kalman import down, gain, unused\n\n\n"
+        "import pytest\nfrom distal.estimators.kinematic import down, gain, unused\n\n\n"
         "def test_gain():\n    down(3)\n    assert gain(1.0, 3.0) == 0.25\n\n\n"
         "@pytest.mark.stored\ndef test_stored():\n    assert unused(2)\n"
     )
@@ -219,7 +219,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def made(project: Path, before: str, after: str) -> Mutant:
-    file = Path("src/distal/estimators/kalman.py")
+    file = Path("src/distal/estimators/kinematic.py")
     source = (project / file).read_text()
     (found,) = (
         each for each in every_mutant(file, source) if (each.before, each.after) == (before, after)
@@ -234,7 +234,7 @@ def test_in_every_package_its_own_tests_run_first(project: Path) -> None:
     """
     (project / "tests/cli").mkdir()
     (project / "tests/cli/test_first.py").write_text(
-        "from distal.estimators.kalman import gain\n\n\ndef test_gain_too():\n    assert "
+        "from distal.estimators.kinematic import gain\n\n\ndef test_gain_too():\n    assert "
         "gain(1.0, 3.0) == 0.25\n"
     )
     (outcome,) = mutants.run(

@@ -18,7 +18,7 @@ from benchmarks.paper_search import (
     search_in_words,
     to_json,
 )
-from distal.reports.paper_2008.claims import (
+from distal.reports.paper_2008.page import (
     PLANTS,
     SERIES_1,
     Measure,

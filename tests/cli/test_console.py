@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from distal.cli import console
+from distal.cli.shared_options import working
 
 
 def test_elsewhere_nothing_is_said(capfd: pytest.CaptureFixture[str]) -> None:
-    with console.working("first") as show:
+    with working("first") as show:
         show("second")
-    with pytest.raises(ValueError, match="wrong"), console.working("third"):
+    with pytest.raises(ValueError, match="wrong"), working("third"):
         raise ValueError("wrong")
     assert capfd.readouterr().err == ""
 
@@ -26,7 +26,7 @@ def test_a_spinner_on_a_terminal_leaves_the_output_where_it_goes(tmp_path: Path)
     file.
     """
     code = """
-from distal.cli.console import progress_bar, say, working
+from distal.cli.shared_options import progress_bar, say, working
 with working("thinking [1]"):
     say("one")
 with progress_bar("counting", 2) as advance:

@@ -11,7 +11,7 @@ import pytest
 
 import distal
 from distal import diagnose, estimate, load_rig, simulate, write_log
-from distal.cli.console import table
+from distal.cli.shared_options import table
 from distal.logs import Episode, episodes_of
 from distal.rig import shipped_rigs
 from distal.rig.files import rig_text

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
-from distal.codegen.workspace import Value
+from distal.codegen.writers import Value
 from distal.kernels import Feed, LaneKernel, Recipe, find_compiler
 from distal.kernels.compiler import compiled_source
 from distal.model import soft_moments
@@ -305,7 +305,7 @@ def test_an_index_that_does_not_fit_is_said(monkeypatch: pytest.MonkeyPatch) -> 
     emitter = Emitter(Plain())
     emitter.add(function)
     assert "unsigned short t0[4] = {299, 3, 7, 100}" in emitter.text
-    monkeypatch.setattr("distal.codegen.workspace.LARGEST_INDEX", 255)
+    monkeypatch.setattr("distal.codegen.writers.LARGEST_INDEX", 255)
     with pytest.raises(CodeError, match="an index of 299 does not fit into 'unsigned short'"):
         Emitter(Plain()).add(function)
 

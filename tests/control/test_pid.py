@@ -14,7 +14,7 @@ import pytest
 from distal import load_rig
 from distal.confidence import BAND
 from distal.control import PID, ClosedLoop, plot_control, trackings_of
-from distal.control.controllers import allocated
+from distal.control.closed_loop import allocated
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.run import Reading

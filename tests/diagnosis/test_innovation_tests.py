@@ -12,7 +12,7 @@ from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.confidence import LARGE_PRIOR, SMALL
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
-from distal.diagnosis.finding import THRESHOLDS
+from distal.diagnosis.causes import THRESHOLDS
 from distal.diagnosis.innovation_tests import (
     LONGEST_LINE,
     SPAN,

@@ -23,8 +23,7 @@ from distal import (
 )
 from distal.diagnosis import Diagnosis, Finding, why_diverged
 from distal.diagnosis.cause_search import PerturbedRuns, Search
-from distal.diagnosis.causes import Cause, causes_of
-from distal.diagnosis.finding import named_cause
+from distal.diagnosis.causes import Cause, causes_of, named_cause
 from distal.errors import DivergedError
 from distal.estimators import AdaptiveFilter
 from distal.rig import log_factor

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, diagnose, estimate
-from distal.fitting.learn_free_motion import efforts_of
+from distal.fitting.learned_maps import efforts_of
 from tests.support.pushed_finger import finger, finger_rig
 
 

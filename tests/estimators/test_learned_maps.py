@@ -21,7 +21,7 @@ from distal import (
 )
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
-from distal.export.filter_source import c_filter
+from distal.export.c_source import c_filter
 from distal.logs import write_log
 from distal.regression import Shape, features_along
 from distal.rig import independent_parts

@@ -7,7 +7,7 @@ import pytest
 
 from distal import Rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.read_channels import rows_with_gaps
+from distal.estimators.estimator_protocol import rows_with_gaps
 from distal.kernels.layout import (
     COMPARED_ONLY,
     MISSING,

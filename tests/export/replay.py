@@ -8,7 +8,7 @@ import sys
 
 from distal import load_rig
 from distal.estimators import KernelEstimator, make_estimator, usual_estimator
-from distal.export.filter_source import fields_of, filled, sensors_of
+from distal.export.c_source import fields_of, filled, sensors_of
 from distal.logs import LARGEST_READING, header
 from distal.rig import log_factor, log_unit, std_name
 from distal.units import unit_factor

@@ -15,8 +15,7 @@ from distal import LiveInverse, Rig, load_rig, simulate
 from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
-from distal.export.command_source import c_command
-from distal.export.filter_source import c_filter
+from distal.export.c_source import c_command, c_filter
 from distal.inverse.goal_gate import USUAL
 from distal.kernels.compiler import find_compiler
 from tests.export.helpers import missing_tools

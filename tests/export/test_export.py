@@ -30,7 +30,7 @@ from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError, RigError
 from distal.estimators import first_values
 from distal.export import Exported, c_filter, export_c
-from distal.export.filter_source import c_name
+from distal.export.c_source import c_name
 from distal.kernels import find_compiler
 from distal.logs import write_log
 from distal.rig import build_rig, set_value

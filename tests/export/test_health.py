@@ -11,7 +11,7 @@ import pytest
 
 from distal import Log, Rig, load_scenario, log_health, scenario_rig, simulate
 from distal.export import c_filter
-from distal.fitting.learn_free_motion import efforts_of
+from distal.fitting.learned_maps import efforts_of
 from distal.run import samples_of
 from distal.run.health import HEALTH
 from tests.export.helpers import spoiled

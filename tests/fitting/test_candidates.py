@@ -19,11 +19,10 @@ from distal.fitting.candidates import (
     judge,
     parameters_without,
 )
+from distal.fitting.fit import Fit
 from distal.fitting.free_parameters import Options
-from distal.fitting.learn_free_motion import untouched
-from distal.fitting.learned_maps import filtered
+from distal.fitting.learned_maps import filtered, untouched
 from distal.fitting.parameter_estimates import ParameterEstimates
-from distal.fitting.result import Fit
 from distal.regression import YARDSTICKS, Samples
 from tests.support.foreign_plants import finger_log, finger_rig
 

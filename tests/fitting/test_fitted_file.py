@@ -25,9 +25,9 @@ from distal.fitting.candidates import (
     readings_map,
     with_parts,
 )
+from distal.fitting.fit import Fit, plain_value
 from distal.fitting.free_parameters import Options
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
-from distal.fitting.result import Fit, plain_value
 from distal.rig import build_rig, parse_toml
 from tests.support.foreign_plants import finger_log, finger_rig
 
@@ -225,7 +225,7 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A result is not lost for the comments of a file."""
-    monkeypatch.setattr("distal.fitting.result._put_into", lambda *_: text)
+    monkeypatch.setattr("distal.fitting.fit._put_into", lambda *_: text)
     candidate = next(c for c in found.candidates if c.parameters is not None)
     assert candidate.parameters is not None
     result = found.learned(candidate)

@@ -15,7 +15,7 @@ from distal.confidence import BAND
 from distal.errors import DivergedError
 from distal.fitting.candidates import WRITTEN, Compared, Score, Training
 from distal.fitting.free_parameters import Options
-from distal.fitting.learn_free_motion import untouched
+from distal.fitting.learned_maps import untouched
 from distal.rig.validation import angle_names
 
 FIT = sys.modules["distal.fitting.fit"]

@@ -11,7 +11,7 @@ import pytest
 from distal import LiveEstimator, Log, Rig, diagnose, estimate, log_health
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
-from distal.fitting.learn_free_motion import efforts_of
+from distal.fitting.learned_maps import efforts_of
 from distal.fitting.log_checks import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.layout import READ

@@ -27,7 +27,7 @@ from distal.fitting.parameter_estimates import (
     by_equations,
     problem_of,
 )
-from distal.homing.home import with_references
+from distal.homing import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig
 from tests.support.foreign_plants import finger_log, finger_rig

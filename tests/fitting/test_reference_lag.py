@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig
-from distal.fitting.late_reference import reference_lag, said_of_lag, without_lag
+from distal.fitting.log_checks import reference_lag, said_of_lag, without_lag
 from tests.support.foreign_plants import finger_log, finger_rig
 
 

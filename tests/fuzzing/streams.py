@@ -13,7 +13,7 @@ from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 
-from distal.cli.stream_command import Session
+from distal.cli.estimate_command import Session
 from distal.errors import DistalError
 from distal.estimators import LARGEST_ANGLE
 from distal.logs import MessageReader

@@ -17,7 +17,7 @@ from distal.hands.calibrate import doubts_of
 from distal.hands.hand import _without_zero
 from distal.hands.power_on_routine import Sweep
 from distal.rig import load_rig
-from distal.rig.hand_tables.rig_of_table import Row, hand_of
+from distal.rig.hand_tables import Row, hand_of
 from tests.support.hands import calibrated, rig_of
 from tests.support.servo_hands import orca_like
 

@@ -5,6 +5,7 @@ what it finds on plants of others.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,12 +15,14 @@ from scipy.optimize import least_squares
 
 from distal import Rig, estimate
 from distal.cli.fit_command import _show
-from distal.hands import calibrate, finger_fit
+from distal.hands import calibrate
 from distal.hands.power_on_routine import Sweep, is_pair, needed, winds_to
 from distal.rig import Capstan, Number, independent_parts, number
-from distal.rig.hand_tables.rig_of_table import Row, hand_of
+from distal.rig.hand_tables import Row, hand_of
 from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
 from tests.support.servo_hands import aero_like, orca_like
+
+calibration = import_module("distal.hands.calibrate")  # the package has its function
 
 ARMS, SPOOL, LOW, HIGH = (12e-3, 6e-3), 9e-3, 0.0, 1.5
 
@@ -56,7 +59,7 @@ SWEEPS = (swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0), swept(-1, -0.6), swept(
 
 def test_the_zero_of_a_pair_puts_the_middle_of_its_travel_in_the_middle_of_the_range() -> None:
     rig = pair_rig()
-    found = rig.with_values(finger_fit._at_ends(rig, {"m1": SWEEPS}))
+    found = rig.with_values(calibration._at_ends(rig, {"m1": SWEEPS}))
     motor, arm = found.drives[0], found.tendons[0].arms()["index_mcp"]
     assert isinstance(motor, Capstan)
     zero = found.sensors_of("position")[0].bias
@@ -78,7 +81,7 @@ def test_radius_slack_and_zero_are_those_of_least_squares(
             {f"tendons.{t.name}.{key}": value for t in tendons for key, value in values.items()}
         )
     sweeps = tuple(swept(s.way, s.contact * far) for s in SWEEPS)
-    found = rig.with_values(finger_fit._at_ends(rig, {"m1": sweeps}))
+    found = rig.with_values(calibration._at_ends(rig, {"m1": sweeps}))
     drive = rig.drives[0]
     assert isinstance(drive, Capstan)
     ends = np.array(rig.joints[0].travel[::-1])
@@ -109,7 +112,7 @@ def test_radius_slack_and_zero_are_those_of_least_squares(
 def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() -> None:
     rig = finger()
     assert not is_pair(rig, "m")
-    found = rig.with_values(finger_fit._at_ends(rig, {"m": SWEEPS}))
+    found = rig.with_values(calibration._at_ends(rig, {"m": SWEEPS}))
     zero = found.sensors_of("position")[0].bias.value
     tendon = rig.tendons[0]
     stretch = 0.04 / SPOOL / tendon.stiffness.value
@@ -123,7 +126,7 @@ def test_a_tension_becomes_slack_of_pairs_alone_and_loads_as_before() -> None:
         rig = rig.with_values(
             {f"tendons.{t.name}.{key}": value for t in rig.tendons for key, value in tense.items()}
         )
-        found = rig.with_values(finger_fit._at_ends(rig, {motor: SWEEPS}))
+        found = rig.with_values(calibration._at_ends(rig, {motor: SWEEPS}))
         for tendon in found.tendons:
             assert tendon.pretension.value == (0.0 if is_pair(rig, motor) else 3.0)
             assert (tendon.slack.value < 0.0) == is_pair(rig, motor)
@@ -147,9 +150,9 @@ def test_the_search_of_a_pair_begins_with_friction_and_ends_with_noise(
         fixed.append(fixed_now.tolist())
         return SimpleNamespace(z=start + 1.0)
 
-    monkeypatch.setattr(finger_fit, "search", lambda p, z, fixed: search(p, z, fixed))
+    monkeypatch.setattr(calibration, "search", lambda p, z, fixed: search(p, z, fixed))
     problem: Any = SimpleNamespace(size=3, parts=parts)
-    assert finger_fit._likeliest(problem, pair_rig()).tolist() == [2.0, 2.0, 2.0]
+    assert calibration._likeliest(problem, pair_rig()).tolist() == [2.0, 2.0, 2.0]
     assert fixed == [[True, False, True], [False, False, True]]
 
 
@@ -179,7 +182,7 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
     low, high = rig.joints[0].travel
     for way, end in ((1, high), (-1, low)):
         sweeps = {"m1": (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6, noise=0.004))}
-        prior = rig.with_values(finger_fit._at_ends(rig, sweeps))
+        prior = rig.with_values(calibration._at_ends(rig, sweeps))
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
         # the torque's noise is fitted, from that of the sweeps
@@ -237,7 +240,7 @@ def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.Monke
     assert rest is not None
     tensions = tuple((HIGH - rest.rest_angle.value) / arm for arm in ARMS)
     valley = Valley(rig, (springs[0], springs[1]), (tensions[0], tensions[1]))
-    ((one, other, share),) = finger_fit._exchanges(valley, rig)  # type: ignore[arg-type]
+    ((one, other, share),) = calibration._exchanges(valley, rig)  # type: ignore[arg-type]
     assert (one, other) == (0, 1)
     assert share == pytest.approx(tensions[1] / tensions[0])
 
@@ -245,8 +248,8 @@ def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.Monke
         nearest = min(problem.ends, key=lambda end: float(np.sum((start - end) ** 2)))
         return problem, SimpleNamespace(z=nearest)
 
-    monkeypatch.setattr(finger_fit, "most_likely", most_likely)
-    begin = finger_fit._likeliest(valley, rig)  # type: ignore[arg-type]
+    monkeypatch.setattr(calibration, "most_likely", most_likely)
+    begin = calibration._likeliest(valley, rig)  # type: ignore[arg-type]
     np.testing.assert_allclose(begin, valley.ends[1])
 
 

@@ -17,7 +17,7 @@ from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
 from distal.hands.hand import OrcaMotors
 from distal.rig import Rig, build_rig, load_rig, log_factor, range_ends
-from distal.rig.hand_tables.rig_of_table import Row, hand_of
+from distal.rig.hand_tables import Row, hand_of
 from tests.support.hands import rig_of
 from tests.support.servo_hands import orca_like
 

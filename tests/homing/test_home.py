@@ -19,7 +19,7 @@ from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.learned_maps import constant_map, drawn_map, resting
 
-homing_of_a_run = sys.modules["distal.homing.home"]
+homing_of_a_run = sys.modules["distal.homing"]
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 
 from distal import Log, Rig, at_known_angle, estimate, load_rig
 from distal.errors import EstimationError
-from distal.homing.home import homing_filter
+from distal.homing import homing_filter
 from tests.support.plant_and_rig import logs_of, start_rig
 
 

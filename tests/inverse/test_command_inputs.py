@@ -7,7 +7,7 @@ from math import inf, pi
 import pytest
 
 from distal import load_rig
-from distal.inverse.torque_balance import command_inputs
+from distal.inverse.feedforward import command_inputs
 
 
 def test_of_a_capstan() -> None:

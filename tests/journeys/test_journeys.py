@@ -16,7 +16,7 @@ import pytest
 import tomlkit
 
 from distal import load_rig, read_log, write_log
-from distal.fitting.result import plain_value
+from distal.fitting.fit import plain_value
 from tests.journeys.matrix import REPLAY
 from tests.journeys.shell import Shell, installed
 from tests.support.foreign_plants import finger_log, finger_rig

@@ -15,7 +15,7 @@ from tools.lab.webassembly import _GLUE
 
 from distal import Rig, load_rig
 from distal.reports.page import _COLOURS
-from distal.rig.joints import REACH
+from distal.rig.components import REACH
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"
 

@@ -20,7 +20,7 @@ from distal.errors import DistalWarning, LogError
 from distal.logs import Episode, Log, episodes_of
 from distal.logs.formats.hdf5 import _is_column
 from distal.rig import Rig
-from distal.rig.hand_tables.rig_of_table import Row, hand_of
+from distal.rig.hand_tables import Row, hand_of
 from distal.run import estimate_batch
 
 NAMES = ("motor.pos", "motor.current")

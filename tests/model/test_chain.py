@@ -16,7 +16,7 @@ from distal import estimate, load_rig, simulate
 from distal.errors import RigError, ScenarioError
 from distal.model import Mechanism, interval_step, joint_frequency
 from distal.rig import Rig, build_rig
-from distal.rig.tendons import Polynomial
+from distal.rig.components import Polynomial
 from distal.simulation import build_scenario
 from tests.helpers import finite_difference
 

@@ -9,7 +9,7 @@ import pytest
 
 from distal import LiveEstimator, homing_filter, load_rig
 from distal.estimators import Belief
-from distal.homing.home import _anchored
+from distal.homing import _anchored
 from distal.kernels import covariance_of
 from distal.regression import Samples, Shape, Weights, features_along, from_window, rates_of
 from distal.regression.posterior import _noise

@@ -18,7 +18,7 @@ from distal.rig import (
     orca_order,
     parse_toml,
 )
-from distal.rig.drives import Capstan
+from distal.rig.components import Capstan
 
 TABLE = """joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]
 index_mcp,1,7,8,1,-20,95

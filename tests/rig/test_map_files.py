@@ -10,7 +10,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import OutputError, RigError
-from distal.fitting.result import write_fitted
+from distal.fitting.fit import write_fitted
 from distal.rig import LearnedMap, MapArrays, arrays_file, build_rig
 from tests.learned_maps import drawn_map, with_drawn
 

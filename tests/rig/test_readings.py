@@ -9,7 +9,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.rig import position_range
-from distal.rig.joints import REACH
+from distal.rig.components import REACH
 from distal.rig.sensors import FORCE, POSITION, drive_travel, largest_effort
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from distal import LiveEstimator, Log, Monitor, Rig, diagnose, estimate, load_rig, log_health
 from distal.errors import RigError
-from distal.fitting.learn_free_motion import efforts_of
-from distal.fitting.result import write_fitted
+from distal.fitting.fit import write_fitted
+from distal.fitting.learned_maps import efforts_of
 from distal.kernels import Feed, advance
 from distal.regression import INDEPENDENT, MOST, features_along, whitening
 from distal.regression.features import Shape

@@ -10,7 +10,7 @@ import numpy as np
 from distal import Rig
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
 from distal.logs import Log
-from distal.rig.hand_tables.rig_of_table import Row, hand_of
+from distal.rig.hand_tables import Row, hand_of
 from tests.support.servo_hands import PERIOD, TORQUE_CONSTANT, Hands, Known
 
 SECONDS = 30.0

@@ -18,13 +18,13 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND, COVERED_TEXT
-from distal.estimators.read_channels import DEAD
-from distal.export.filter_source import filled
+from distal.estimators.estimator_protocol import DEAD
+from distal.export.c_source import filled
 from distal.logs import write_whole
 from distal.reports.page import page, resource
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, number
-from distal.rig.joints import REACH
+from distal.rig.components import REACH
 from distal.run.health import HEALTH
 from distal.simulation.plant import equilibrium
 from distal.units import unit_factor

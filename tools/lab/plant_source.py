@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.codegen import Emitter, Plain
 from distal.errors import ExportError
-from distal.export.filter_source import (
+from distal.export.c_source import (
     Translated,
     checked_name,
     filled,

@@ -11,8 +11,7 @@ from pathlib import Path
 from distal.codegen import Plain
 from distal.errors import EstimationError, ExportError
 from distal.export import Exported, c_filter
-from distal.export.command_source import c_command
-from distal.export.filter_source import filled
+from distal.export.c_source import c_command, filled
 from distal.kernels.compiler import CompileError, run_compiler, zig_compiler
 from distal.rig import Rig
 from tools.lab.plant_source import ExportedPlant, c_plant

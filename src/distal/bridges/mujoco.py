@@ -11,7 +11,7 @@ import tomlkit
 from numpy.typing import NDArray
 
 from distal.errors import RigError
-from distal.fitting.result import plain_value
+from distal.fitting.fit import plain_value
 from distal.kernels import kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Rig, as_rig

@@ -25,7 +25,7 @@ from distal.arrays import Bools, Floats
 from distal.codegen import Plain
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, make_estimator
-from distal.estimators.read_channels import MOST_BRIDGES, fill, predictions
+from distal.estimators.estimator_protocol import MOST_BRIDGES, fill, predictions
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.compiler import emitted
 from distal.logs import LARGEST_READING

@@ -13,16 +13,12 @@ import typer
 from typer import Option
 
 from distal.cli import (
-    control_commands,
     estimate_command,
-    export_commands,
     fit_command,
-    learn_command,
     rig_commands,
     simulation_commands,
-    stream_command,
 )
-from distal.cli.console import TRACEBACK, failure, fault, show_warnings
+from distal.cli.shared_options import TRACEBACK, failure, fault, show_warnings
 from distal.errors import DistalError
 
 # typer raises errors of the click that it uses, which is its own copy or the package; in both cases
@@ -40,21 +36,21 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, Callable[..., None]] = {
     "estimate": estimate_command.estimate_command,
-    "learn": learn_command.learn_command,
+    "learn": fit_command.learn_command,
     "fit": fit_command.fit_command,
     "calibrate": fit_command.calibrate_command,
     "simulate": simulation_commands.simulate_command,
-    "command": control_commands.command_command,
-    "control": control_commands.control_command,
+    "command": simulation_commands.command_command,
+    "control": simulation_commands.control_command,
     "study": simulation_commands.study_command,
     "studies": simulation_commands.list_studies_command,
     "reproduce": simulation_commands.reproduce_command,
-    "stream": stream_command.stream_command,
-    "export-c": export_commands.export_command,
-    "export-fmu": export_commands.fmu_command,
+    "stream": estimate_command.stream_command,
+    "export-c": rig_commands.export_command,
+    "export-fmu": rig_commands.fmu_command,
     "rigs": rig_commands.list_rigs_command,
     "scenarios": simulation_commands.list_scenarios_command,
-    "doctor": export_commands.doctor_command,
+    "doctor": rig_commands.doctor_command,
 }
 """Name → function of the commands that are in no group, in the order of the help."""
 

@@ -14,7 +14,7 @@ from itertools import chain, count
 import casadi as ca
 
 from distal.codegen.number_types import BINARY, CodeError, Dialect
-from distal.codegen.workspace import (
+from distal.codegen.writers import (
     Dataflow,
     Memory,
     Placement,
@@ -24,13 +24,11 @@ from distal.codegen.workspace import (
     WriteFunction,
     Writer,
     Written,
-    for_each,
-    framed,
-)
-from distal.codegen.writers import (
     argument,
     constant,
     dot,
+    for_each,
+    framed,
     get,
     join,
     product,

@@ -5,6 +5,7 @@ reference.
 from distal.control.closed_loop import (
     COMMAND,
     ENCODER,
+    PID,
     RATIO,
     ClosedLoop,
     ControlledPlant,
@@ -17,7 +18,6 @@ from distal.control.closed_loop import (
     simulate,
     trackings_of,
 )
-from distal.control.controllers import PID
 
 __all__ = [
     "COMMAND",

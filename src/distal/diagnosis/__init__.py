@@ -2,8 +2,8 @@
 test.
 """
 
+from distal.diagnosis.causes import Finding, Kind
 from distal.diagnosis.diagnose import diagnose, why_diverged
-from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.innovation_tests import Diagnosis, diagnose_estimate
 
 __all__ = [

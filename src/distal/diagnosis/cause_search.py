@@ -22,8 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from distal.arrays import Floats
 from distal.confidence import BAND, LARGE_PRIOR
-from distal.diagnosis.causes import UNITS, Cause, of_sensors, starts_of, swap
-from distal.diagnosis.finding import THRESHOLDS
+from distal.diagnosis.causes import THRESHOLDS, UNITS, Cause, of_sensors, starts_of, swap
 from distal.diagnosis.innovation_tests import (
     SPAN,
     ScoreTest,

@@ -23,16 +23,18 @@ from distal.diagnosis.cause_search import (
     unfelt,
     wrong_readings,
 )
-from distal.diagnosis.causes import Cause, causes_of, sizes
-from distal.diagnosis.finding import (
+from distal.diagnosis.causes import (
     COMPLIANCE,
     SCALE,
     THRESHOLDS,
     ZERO,
+    Cause,
     Finding,
     Kind,
+    causes_of,
     named_cause,
     sensor_of,
+    sizes,
     tendon_of,
 )
 from distal.diagnosis.innovation_tests import (
@@ -46,7 +48,7 @@ from distal.diagnosis.innovation_tests import (
 )
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
-from distal.estimators.read_channels import dead_after
+from distal.estimators.estimator_protocol import dead_after
 from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig, position_range

@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 
 from distal.arrays import Bools, Floats
 from distal.confidence import LARGE_PRIOR, SMALL
-from distal.diagnosis.finding import THRESHOLDS, Finding, Kind
+from distal.diagnosis.causes import THRESHOLDS, Finding, Kind
 from distal.estimators import StateKind
 from distal.results.estimate import Estimate
 

@@ -7,10 +7,13 @@ from distal.estimators.estimator_protocol import (
     TOUCHED,
     WILD,
     Belief,
+    Channels,
     KernelEstimator,
     StateKind,
+    channels_of,
     check_time,
     external_torques_of,
+    first_values,
     kinds_of,
     sample_problem,
     state_units,
@@ -18,7 +21,6 @@ from distal.estimators.estimator_protocol import (
     wild_problem,
 )
 from distal.estimators.kinematic import KinematicEstimator, directions
-from distal.estimators.read_channels import Channels, channels_of, first_values
 from distal.estimators.registry import (
     DEFAULT,
     ESTIMATORS,

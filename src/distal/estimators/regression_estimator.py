@@ -20,8 +20,7 @@ from distal.estimators.adaptive.drive_tracking import (
     judged_by,
     with_evidence,
 )
-from distal.estimators.estimator_protocol import KernelEstimator
-from distal.estimators.read_channels import Channels, channels_of
+from distal.estimators.estimator_protocol import Channels, KernelEstimator, channels_of
 from distal.expressions import VectorNode
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.layout import is_read

@@ -1,8 +1,7 @@
 """Export a filter as C for microcontrollers, or as an FMU."""
 
-from distal.export.filter_source import Exported, c_filter, c_name
-from distal.export.fmu import Fmu, export_fmu
-from distal.export.project import check_ours, export_c, export_files
+from distal.export.c_source import Exported, c_filter, c_name
+from distal.export.fmu import Fmu, check_ours, export_c, export_files, export_fmu
 
 __all__ = [
     "Exported",

@@ -3,13 +3,12 @@ can identify.
 """
 
 from distal.fitting.candidates import AS_GIVEN, WRITTEN, Compared, Score
-from distal.fitting.fit import fit, learn
+from distal.fitting.fit import Fit, fit, learn
 from distal.fitting.free_parameters import FittedParameter, Options
 from distal.fitting.learned_maps import (
     SETTLING,
     MapFit,
 )
-from distal.fitting.result import Fit
 from distal.regression import groups_of
 
 __all__ = [

@@ -22,7 +22,7 @@ from distal.from_logs.motion_data import THRESHOLDS, MotionData, counts_of
 from distal.logs import name_and_unit
 from distal.logs.raw_to_si import IMPROBABLE
 from distal.rig import Guess
-from distal.rig.hand_tables.rig_of_table import ASSUMED
+from distal.rig.hand_tables import ASSUMED
 from distal.units import to_si
 
 Raw = dict[str, object]

@@ -45,8 +45,8 @@ from distal.from_logs.which_drive_moves_what import (
     drive_structure,
     with_joint,
 )
-from distal.model.springs import STEEPEST
-from distal.rig.hand_tables.rig_of_table import ASSUMED
+from distal.model.tendon_tensions import STEEPEST
+from distal.rig.hand_tables import ASSUMED
 from distal.rig.plausibility import USUAL
 from distal.units import to_si
 

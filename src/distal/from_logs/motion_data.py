@@ -36,7 +36,7 @@ from distal.logs.cells import LIST
 from distal.logs.raw_to_si import FEWEST
 from distal.logs.stamps import clock_of, is_time, spread
 from distal.regression import played
-from distal.rig.hand_tables.rig_of_table import ASSUMED
+from distal.rig.hand_tables import ASSUMED
 from distal.units import USUAL, unit_factor
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")

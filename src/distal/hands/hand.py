@@ -24,7 +24,7 @@ from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Output, check_outputs, write_log
 from distal.rig import Rig, as_rig, log_factor
-from distal.rig.drive_range import KNOWN
+from distal.rig.plausibility import KNOWN
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.run.health import Health
 from distal.run.live_estimator import HOTTEST

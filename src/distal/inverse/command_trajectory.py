@@ -44,9 +44,9 @@ from distal.inverse.feedforward import (
     least_tension_of,
     limited,
     solved,
+    traced,
 )
 from distal.inverse.live_inverse import readings
-from distal.inverse.torque_balance import traced
 from distal.kernels import (
     Advanced,
     Feed,

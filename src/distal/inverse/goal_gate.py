@@ -35,7 +35,7 @@ from distal.arrays import Bools, Floats
 from distal.logs import Limits
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig, motor_range, position_range
-from distal.rig.drives import Drive
+from distal.rig.components import Drive
 from distal.run.health import LIMITS
 from distal.run.live_estimator import LATEST
 

@@ -29,6 +29,7 @@ from distal.errors import CommandError, EstimationError
 from distal.estimators import SHORTEST, TOUCHED, AdaptiveFilter, sample_problem
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.feedforward import (
+    DERIVED,
     LEAST_TENSION,
     REMEMBERED,
     ROUNDS,
@@ -39,7 +40,6 @@ from distal.inverse.feedforward import (
     limited,
 )
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
-from distal.inverse.torque_balance import DERIVED
 from distal.kernels import Layout, Structure, kernel_of, structure_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading

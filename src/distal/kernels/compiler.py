@@ -37,7 +37,7 @@ from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.kernels.layout import Sizes
 from distal.model import Mechanism
 from distal.rig import Parameter, Rig
-from distal.rig.joints import Coupling
+from distal.rig.components import Coupling
 
 INPUTS = frozenset(
     {

@@ -12,7 +12,6 @@ from distal.model.friction import (
     soft_moments,
 )
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
-from distal.model.springs import stretched
 from distal.model.stepping import (
     RESOLUTION,
     Contacts,
@@ -29,6 +28,7 @@ from distal.model.stepping import (
     stiffest_frequency,
     substeps,
 )
+from distal.model.tendon_tensions import stretched
 
 __all__ = [
     "GRAVITY",

@@ -12,8 +12,7 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
 from distal.model.friction import Limit, capstan_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
-from distal.model.springs import extension_torque
-from distal.model.tendon_tensions import Tendons
+from distal.model.tendon_tensions import Tendons, extension_torque
 from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
 SMALLEST_CHAIN = 2

@@ -1,9 +1,16 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
-from distal.rig.drive_range import FAR, RangeEnd, motor_range, position_range, range_ends
-from distal.rig.drives import (
+from distal.rig.components import (
     Capstan,
+    Joint,
+    Linkage,
+    Meeting,
+    Pinned,
+    Polynomial,
+    Pulley,
+    Size,
     Slider,
+    Tendon,
     effort_unit,
     position_unit,
 )
@@ -23,9 +30,7 @@ from distal.rig.files import (
     shipped_in,
     shipped_rigs,
 )
-from distal.rig.hand_tables.orca import from_orca, orca_order
-from distal.rig.hand_tables.rig_of_table import from_table
-from distal.rig.joints import Joint
+from distal.rig.hand_tables import from_orca, from_table, orca_order
 from distal.rig.learned import (
     HALF_WIDTHS,
     IN_RADIAL,
@@ -38,13 +43,17 @@ from distal.rig.learned import (
     as_table,
 )
 from distal.rig.mjcf.importer import from_mujoco
-from distal.rig.overrides import ALL, parse_assignment, set_value
 from distal.rig.plausibility import (
+    FAR,
     Number,
+    RangeEnd,
     check_scales,
     doubts,
     known_to_a_factor,
+    motor_range,
     number,
+    position_range,
+    range_ends,
     scales_in_words,
 )
 from distal.rig.quantities import Description, In, Parameter
@@ -65,12 +74,14 @@ from distal.rig.sensors import (
     step_of,
     travel_of,
 )
-from distal.rig.tendons import Linkage, Meeting, Pinned, Polynomial, Pulley, Size, Tendon
 from distal.rig.validation import (
+    ALL,
     angle_names,
     in_words,
     named,
+    parse_assignment,
     part_at,
+    set_value,
     speed_names,
     std_name,
     tendon_angle_name,

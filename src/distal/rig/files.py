@@ -14,10 +14,9 @@ from pathlib import Path
 
 from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.learned import with_arrays
-from distal.rig.overrides import parse_assignment, set_value
 from distal.rig.quantities import Raw
 from distal.rig.rig import Rig
-from distal.rig.validation import validated
+from distal.rig.validation import parse_assignment, set_value, validated
 
 RIGS = "distal.rig"
 """Package with the library of rigs."""

@@ -18,14 +18,11 @@ from scipy.sparse.csgraph import connected_components
 
 from distal.arrays import Floats
 from distal.errors import RigError, did_you_mean
-from distal.rig.drives import Drive
-from distal.rig.joints import BASE, Base, Joint
+from distal.rig.components import BASE, Base, Drive, Joint, Tendon
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
-from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, Duration, Parameter, Rate
 from distal.rig.sensors import MEASURED, Sensor, in_its_unit, log_factor, measurand_of
-from distal.rig.tendons import Tendon
-from distal.rig.validation import named, validated
+from distal.rig.validation import named, set_value, validated
 from distal.units import unit_factor
 
 Component = Joint | Drive | Tendon | Sensor

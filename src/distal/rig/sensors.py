@@ -22,8 +22,7 @@ from pydantic import Field, model_validator
 from distal.confidence import BAND
 from distal.errors import UnitError, did_you_mean
 from distal.expressions import Scalar, Vector
-from distal.rig.drives import Capstan, Slider
-from distal.rig.joints import REACH, Joint
+from distal.rig.components import REACH, Capstan, Joint, Slider, Tendon
 from distal.rig.quantities import (
     ONE,
     ZERO,
@@ -42,7 +41,6 @@ from distal.rig.quantities import (
     Seconds,
     TorqueConstant,
 )
-from distal.rig.tendons import Tendon
 from distal.units import to_si, unit_factor
 
 COUNTS = frozenset({"count", "counts", "cnt", "inc", "pulses", "qc", "tick", "ticks"})

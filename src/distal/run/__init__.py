@@ -2,10 +2,9 @@
 health of a stream.
 """
 
-from distal.run.health import HEALTH, HealthLimits
+from distal.run.health import HEALTH, HealthLimits, Monitor, Reading, log_health
 from distal.run.live_estimator import JointContact, LiveEstimator, LogUnits
 from distal.run.offline import estimate, estimate_batch, samples_of, smooth, with_channel
-from distal.run.stream_monitor import Monitor, Reading, log_health
 
 __all__ = [
     "HEALTH",

@@ -28,7 +28,7 @@ from distal.estimators import (
     sample_problem,
     wild_problem,
 )
-from distal.estimators.read_channels import MOST_BRIDGES, fill, predictions
+from distal.estimators.estimator_protocol import MOST_BRIDGES, fill, predictions
 from distal.kernels import covariance_of, mean_of
 from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING, RawToSI, Remark

@@ -36,7 +36,7 @@ from distal.estimators import (
     state_units,
     usual_estimator,
 )
-from distal.homing.home import check_homing, home, homed, with_prior_maps, with_references
+from distal.homing import check_homing, home, homed, with_prior_maps, with_references
 from distal.kernels import AT_ONCE, Feed, advance, covariance_of, in_order, mean_of, variances_of
 from distal.logs import (
     LARGEST_READING,

@@ -31,7 +31,7 @@ from distal.kernels import (
 from distal.model import GRAVITY, Mechanism, interval_step
 from distal.model.stepping import RESOLUTION
 from distal.rig import Subsystem, independent_parts
-from distal.rig.drives import Drive
+from distal.rig.components import Drive
 from distal.simulation.scenario import (
     CapstanServo,
     DriveInput,

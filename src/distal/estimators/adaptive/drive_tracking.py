@@ -28,7 +28,7 @@ from distal.estimators.adaptive.guards import (
     returns,
 )
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.read_channels import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
+from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
 from distal.regression import MOST_EVIDENCE, added

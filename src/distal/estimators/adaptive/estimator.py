@@ -20,9 +20,13 @@ from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE, touch_layout
-from distal.estimators.estimator_protocol import KernelEstimator, Report
+from distal.estimators.estimator_protocol import (
+    UNKNOWN_POSITION,
+    KernelEstimator,
+    Report,
+    channels_of,
+)
 from distal.estimators.kinematic import directions
-from distal.estimators.read_channels import UNKNOWN_POSITION, channels_of
 from distal.expressions import Scalar, Vector
 from distal.kernels import Compiled, Structure, kernel_of, structure_of
 from distal.kernels.layout import is_read

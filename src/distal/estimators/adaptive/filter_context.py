@@ -13,7 +13,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators.adaptive.guards import Robustness
-from distal.estimators.read_channels import Channels, sensor_for
+from distal.estimators.estimator_protocol import Channels, sensor_for
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Sensor, contact_shape, drive_travel, gain_of

@@ -20,8 +20,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
 from distal.estimators.adaptive.filter_context import DERIVED
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, states_of_rig
 from distal.estimators.adaptive.joint_motion import Moved, moved
-from distal.estimators.adaptive.prediction import follow, play, predicted, revert
-from distal.estimators.adaptive.slack_pairs import within_play
+from distal.estimators.adaptive.prediction import follow, play, predicted, revert, within_play
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     DRIVE,
@@ -32,7 +31,7 @@ from distal.estimators.adaptive.touch import (
     touch_layout,
 )
 from distal.estimators.adaptive.update import depths_in_stops, updated
-from distal.estimators.read_channels import Channels
+from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Indices, Layout, PlacedKernel, kernel_state_layout, side_by_side
 from distal.rig import Sensor, Subsystem, independent_parts

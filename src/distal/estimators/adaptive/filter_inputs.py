@@ -14,7 +14,7 @@ import casadi as ca
 from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
 from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
-from distal.estimators.read_channels import Channels
+from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode
 from distal.model import Mechanism
 from distal.model.parameters import Derived

@@ -13,7 +13,7 @@ from math import inf, isfinite, radians
 
 import casadi as ca
 
-from distal.estimators.read_channels import DEAD
+from distal.estimators.estimator_protocol import DEAD
 from distal.expressions import Scalar
 from distal.regression import MOST_EVIDENCE
 

@@ -32,7 +32,7 @@ from distal.estimators.adaptive.touch import (
     evidence_function,
     open_torques,
 )
-from distal.estimators.kalman import Downdate, along
+from distal.estimators.kinematic import Downdate, along
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 from distal.kernels.layout import Layout, is_read, is_there, share_used
 from distal.model import Moment

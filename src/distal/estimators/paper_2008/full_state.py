@@ -18,10 +18,16 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.estimator_protocol import Belief, KernelEstimator, StateKind
-from distal.estimators.kalman import symmetric
-from distal.estimators.kinematic import error_of, first_drives
-from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
+from distal.estimators.estimator_protocol import (
+    UNKNOWN_POSITION,
+    Belief,
+    Channels,
+    KernelEstimator,
+    StateKind,
+    channels_of,
+    sensor_for,
+)
+from distal.estimators.kinematic import error_of, first_drives, symmetric
 from distal.expressions import Matrix, MatrixNode, Vector
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen

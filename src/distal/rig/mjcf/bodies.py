@@ -29,8 +29,8 @@ from scipy.spatial.transform import Rotation
 
 from distal.arrays import Floats
 from distal.errors import RigError
+from distal.rig.components import REACH
 from distal.rig.files import Guess, name_of
-from distal.rig.joints import REACH
 from distal.rig.quantities import Raw
 
 if TYPE_CHECKING:

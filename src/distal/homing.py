@@ -23,7 +23,7 @@ from distal.estimators import (
     offsets_of,
     parts_of,
 )
-from distal.estimators.read_channels import sensor_for
+from distal.estimators.estimator_protocol import sensor_for
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, TruthKind, TruthSource, frozen, true_angles
 from distal.parallel import one_blas_thread

@@ -1,4 +1,9 @@
-"""How a tendon meets its joint. A kind is a class with its description and its geometry, and its
+"""Joints: how they follow one another in a chain, the links that they turn, inertia, friction,
+springs, gravity and stops.
+
+Drives: what pulls the tendons at the proximal end, a slider or a motor's capstan.
+
+How a tendon meets its joint. A kind is a class with its description and its geometry, and its
 name in the unions at the end of this file.
 
 Tendons and how they are fixed to the joint.
@@ -8,27 +13,465 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import prod
+from math import hypot, inf, pi, prod
 from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
 
 import casadi as ca
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from distal.errors import UnitError
 from distal.rig.quantities import (
     ONE,
     ZERO,
+    AngularDamping,
     AngularRange,
+    AnyAngle,
+    AnyRadians,
+    AnyTorque,
     Coefficient,
     Description,
+    Displacement,
+    Duration,
+    Factor,
     FixedAngle,
     In,
     Length,
+    LinearDamping,
     Load,
+    Metres,
     Name,
+    NewtonMetres,
+    Newtons,
     Parameter,
+    PositiveNewtonMetres,
+    PositiveNewtons,
+    Radians,
+    RadiansPerSecond,
+    Seconds,
     Stiffness,
+    TorqueSize,
     Turn,
 )
+
+BASE = "base"
+"""Name of what the first joint sits on."""
+
+Vector = tuple[float, float, float]
+
+STOPS = Field(None, description="range of motion [low, high]")
+"""Field of a joint or a drive, in its own unit."""
+
+AXES: dict[str, Vector] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+"""Unit vectors of the axes by name."""
+
+
+def _named(raw: object) -> object:
+    """Return the axis of a name; what is no name stays."""
+    if isinstance(raw, str) and raw not in AXES:
+        raise UnitError(f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came')
+    return AXES[raw] if isinstance(raw, str) else raw
+
+
+def _unit(vector: Vector) -> Vector:
+    length = hypot(*vector)
+    if not 1e-9 < length < 1e9:
+        raise UnitError(f"must point somewhere, {list(vector)} came")
+    x, y, z = (part / length for part in vector)
+    return x, y, z
+
+
+Axis = Annotated[Vector, In(""), BeforeValidator(_named), AfterValidator(_unit)]
+"""Direction of a joint's axis; θ turns counter-clockwise about it."""
+
+
+class Base(Description):
+    """What the first joint sits on, and which way gravity points.
+
+    The world's z points up. The base's frame is the world's, turned by `orientation`.
+    """
+
+    gravity: Annotated[Vector, In("m/s^2")] = Field(
+        (0.0, 0.0, -9.80665),
+        description="acceleration of free fall in the world's frame",
+    )
+    orientation: Annotated[Vector, In("rad")] = Field(
+        (0.0, 0.0, 0.0),
+        description="roll, pitch and yaw of the base about the world's x, y and z, in this order",
+    )
+
+
+class Link(Description):
+    """A rigid body that a joint turns, in the frame of that joint."""
+
+    mass: Annotated[Parameter, In("kg", "nonnegative")]
+    centre: Annotated[Vector, In("m")] = Field(
+        description="centre of mass from the joint's axis, at θ = 0"
+    )
+    inertia: Annotated[Vector, In("kg m^2", "nonnegative")] = Field(
+        (0.0, 0.0, 0.0),
+        description="about the centre of mass and x, y, z of the joint's frame",
+    )
+
+
+class Coupling(Description):
+    """A rigid coupling to another joint: θ = ratio · θ_joint + offset."""
+
+    joint: str = Field(description="the joint that it follows, an earlier one")
+    ratio: Annotated[float, In("")]
+    offset: AnyRadians = 0.0
+
+
+REACH = 1.2
+"""Angle by which a joint without stops is taken to turn to either side [rad]. Source: judgement."""
+
+
+class Stribeck(Description):
+    """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
+
+    excess: Coefficient = Field(description="stiction beyond Coulomb friction, as a share of it")
+    speed: Annotated[Parameter, In("rad/s", "positive")]
+
+
+class JointFriction(Description):
+    """Coulomb friction at the joint's axle, limit = μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T.
+
+    With exponent e = 1 this is equation (12) of the 2008 paper, reconstructed from its Table 1:
+    μ_θ r_a (T0 + T1 + T2). A larger exponent lets friction grow faster than the load beyond N_ref.
+    """
+
+    coefficient: Coefficient = Field(description="μ")
+    radius: Length = Field(description="of the axle, r_a")
+    preload: Load = Field(ZERO, description="load on the axle without tension, T0")
+    exponent: Annotated[Parameter, In("", "positive", within=(1.0, inf))] = Field(
+        ONE,
+        description="e, at least 1; friction proportional to load has 1",
+    )
+    reference: PositiveNewtons | None = Field(
+        None,
+        description="N_ref, where the exponent changes nothing; N at nominal forces by default",
+    )
+    stribeck: Stribeck | None = None
+
+
+class Spring(Description):
+    """Return spring at the joint: torque = −(stiffness x + quadratic x² + cubic x³), x = θ −
+    rest_angle.
+    """
+
+    stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")]
+    rest_angle: AnyAngle = Field(ZERO, description="angle where the spring is relaxed")
+    quadratic: Annotated[Parameter, In("N m/rad^2")] = ZERO
+    cubic: Annotated[Parameter, In("N m/rad^3")] = ZERO
+
+
+class ExtensionSpring(Description):
+    """Extension spring between a point of the link and one of the base: torque = −F r R sin(θ −
+    line_angle)/L.
+
+    L² = r² + R² − 2 r R cos(θ − line_angle); F = max(preload + stiffness (L − free_length), 0).
+    """
+
+    stiffness: Stiffness = Field(description="k")
+    free_length: Length = Field(description="length where it begins to open")
+    radius: Length = Field(description="axis to the point of the link, r")
+    distance: Length = Field(description="axis to the point of the base, R")
+    line_angle: AnyAngle = Field(
+        ZERO,
+        description="joint angle where both points lie on one line from the axis",
+    )
+    preload: Load = Field(ZERO, description="force where its coils open")
+
+
+class JointBacklash(Description):
+    """Free play between the pulley that the tendons turn and the link: within it no torque reaches
+    the link.
+    """
+
+    width: Turn = Field(description="from side to side")
+
+
+class Gravity(Description):
+    """Weight of an off-axis mass: torque = −mass · g · distance · sin(θ − hanging_angle)."""
+
+    mass: Annotated[Parameter, In("kg", "nonnegative")]
+    distance: Displacement = Field(description="axis to the centre of mass")
+    hanging_angle: AnyAngle = Field(
+        ZERO, description="joint angle where the centre of mass is below the axis"
+    )
+
+
+class ExternalTorque(Description):
+    """A torque on the joint that nobody measures (a hand, a grasped object): zero mean,
+    exponentially correlated.
+    """
+
+    std: NewtonMetres = Field(0.0, description="standard deviation; 0: there is none")
+    correlation_time: Duration = 0.5
+
+
+class Joint(Description):
+    """A joint: one angle θ [rad], counter-clockwise positive about its axis."""
+
+    name: Name
+    parent: str | None = Field(
+        None,
+        description='joint on whose link it sits, or "base"; the joint before it by default',
+    )
+    axis: Axis = Field(
+        AXES["y"], description='"x", "y", "z", "-x", … or three numbers, in its own frame'
+    )
+    offset: Annotated[Vector, In("m")] = Field(
+        (0.0, 0.0, 0.0), description="origin of its frame in its parent's"
+    )
+    link: Link | None = None
+    coupled: Coupling | None = None
+    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
+        description="moment of inertia J about its axis, beside that of a `link`"
+    )
+    damping: AngularDamping = Field(ZERO, description="viscous, b_θ")
+    initial: FixedAngle = Field(ZERO, description="angle at the first sample")
+    friction: JointFriction | None = None
+    spring: Spring | None = None
+    extension_spring: ExtensionSpring | None = None
+    gravity: Gravity | None = None
+    backlash: JointBacklash | None = None
+    stops: AngularRange | None = STOPS
+    stops_std: Radians = Field(
+        0.0,
+        description="standard deviation of both ends; a calibration against them is no better",
+    )
+    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
+    stop_damping: AngularDamping = Parameter(value=0.1)
+    unmodelled: RadiansPerSecond = Field(
+        0.5,
+        description="standard deviation of the speed that unknown torques add in 1 s",
+    )
+    external_torque: ExternalTorque = ExternalTorque()
+    touch: Literal["may happen", "never"] = Field(
+        "may happen",
+        description='"may happen" or "never"; where it may, forces are searched for a touch',
+    )
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """The range in which the joint turns [rad]: its stops, or ±`REACH`."""
+        return self.stops or (-REACH, REACH)
+
+
+CONSTANT = Field(ZERO, description="without tension")
+LOAD = Field(ZERO, description="per newton of tension")
+LEFT_OUT = Field(
+    0.0,
+    description="standard deviation of what the play leaves out; considered, not estimated",
+)
+WIDTH = Field(description="from side to side")
+HELD_BY = Field(
+    ZERO,
+    description="holds the far side against its tendons where `held` is false",
+)
+GIVES_WAY = Field(None, description="against load; rigid by default")
+FOR_HOURS = Field(
+    None, description="torque (slider: force) it may hold for hours; what it holds by default"
+)
+DEAD_BAND = Field(0.0, description="it stops this far from where it is sent")
+VISCOUS = Field(ZERO, description="viscous")
+USUAL_EFFORT = Field(ZERO, description="the usual effort, taken where none is measured")
+LARGEST_EFFORT = Field(
+    None, description="largest effort that a controller gets; a slider cannot push its tendons"
+)
+EFFORT_LAG = Field(
+    0.0, description="time constant with which its effort follows a controller's command"
+)
+"""Fields that sliders and capstans have alike, each in its own unit."""
+
+
+class SliderStribeck(Stribeck):
+    """The same of a slider."""
+
+    speed: Annotated[Parameter, In("m/s", "positive")]
+
+
+class CapstanFriction(Description):
+    """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
+
+    constant: TorqueSize = CONSTANT
+    load: Coefficient = LOAD
+    stribeck: Stribeck | None = None
+
+
+class SliderFriction(CapstanFriction):
+    """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
+
+    constant: Load = CONSTANT
+    stribeck: SliderStribeck | None = None
+
+
+class Hysteresis(Description):
+    """Dry friction inside the transmission, limit h = (constant + load · radius · Σ T)(1 + slope ·
+    θ).
+
+    The effort z that reaches the tendons' springs follows the measured effort U by a play operator,
+    z⁺ = clip(z, U − h, U + h) (Prandtl, 1928; Visintin, Differential Models of Hysteresis, 1994).
+    Its causes are strands of a rope that rub, or a cable in its sheath. The effort moves z, not the
+    drive's motion: a whole stroke may pass before z has gone from one side of U to the other.
+    """
+
+    constant: TorqueSize = CONSTANT
+    load: Coefficient = LOAD
+    slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="growth with θ, as a share")
+    error: NewtonMetres = LEFT_OUT
+    error_time: Duration = Field(1.0, description="correlation time of `error`")
+
+
+class SliderHysteresis(Hysteresis):
+    """The same of a slider, limit = (constant + load · Σ T)(1 + slope · θ)."""
+
+    constant: Load = CONSTANT
+    error: Newtons = LEFT_OUT
+
+
+class Backlash(Description):
+    """Free play between a motor's encoder and its capstan: what winds the tendons stays within ±
+    width/2 of the encoder.
+
+    The capstan's position p follows the encoder's position φ by a play operator, p⁺ = clip(p, φ −
+    width/2, φ + width/2): the capstan rests until the gears push it. With `held = false` the
+    tendons turn the capstan within the gap, against `friction`.
+    """
+
+    width: Turn = WIDTH
+    held: bool = Field(
+        True, description="whether only the near side moves the far one within the gap"
+    )
+    friction: TorqueSize = HELD_BY
+
+
+class SliderBacklash(Backlash):
+    """The same between a slider's sensor and what pulls its tendons."""
+
+    width: Displacement = WIDTH
+    friction: Load = HELD_BY
+
+
+class Cogging(Description):
+    """Torque of a motor that repeats as it turns: cosine · cos(N φ) + sine · sin(N φ), it adds to
+    the motor's own.
+    """
+
+    periods: Factor = Field(description="N, periods in one turn")
+    cosine: AnyTorque = ZERO
+    sine: AnyTorque = ZERO
+
+
+class Servo(Description):
+    """How a drive follows the positions that are sent to it: a lag of first order behind a delay,
+    no faster than it can.
+    """
+
+    bandwidth: Annotated[float, In("Hz", "positive")] | None = Field(
+        None, description="where it follows 71 % of a sine; no limit by default"
+    )
+    delay: Seconds = 0.0
+    fastest: Annotated[float, In("rad/s", "positive")] | None = None
+    stiffness: Annotated[float, In("N m/rad", "positive")] | None = GIVES_WAY
+    dead_band: Radians = DEAD_BAND
+    goal: str = Field(
+        "", description="log column of the positions sent, in the unit of its position"
+    )
+    continuous_torque: PositiveNewtonMetres | None = FOR_HOURS
+
+    @property
+    def lag(self) -> float:
+        """By how much it is late at a constant speed: its delay, and 1/(2π f) by its bandwidth f
+        [s].
+        """
+        return self.delay + (0.0 if self.bandwidth is None else 1.0 / (2 * pi * self.bandwidth))
+
+
+class SliderServo(Servo):
+    """The same of a slider."""
+
+    fastest: Annotated[float, In("m/s", "positive")] | None = None
+    stiffness: Annotated[float, In("N/m", "positive")] | None = GIVES_WAY
+    dead_band: Metres = DEAD_BAND
+    continuous_torque: PositiveNewtons | None = FOR_HOURS
+
+
+class Slider(Description):
+    """A slider: displacement x [m], away from the joint positive, pulled by a force U [N]."""
+
+    kind: Literal["slider"]
+    name: Name
+    mass: Annotated[Parameter, In("kg", "positive")]
+    damping: LinearDamping = VISCOUS
+    friction: SliderFriction = SliderFriction()
+    hysteresis: SliderHysteresis | None = None
+    backlash: SliderBacklash | None = None
+    stops: Annotated[tuple[float, float], In("m")] | None = STOPS
+    stop_stiffness: Stiffness = Parameter(value=1e5)
+    stop_damping: LinearDamping = Parameter(value=3.0)
+    nominal_force: Annotated[Parameter, In("N", drifts=False)] = USUAL_EFFORT
+    limit: PositiveNewtons | None = LARGEST_EFFORT
+    lag: Seconds = EFFORT_LAG
+    servo: SliderServo | None = None
+
+    @property
+    def lever(self) -> float:
+        """How far its tendons move per unit of its own motion [1]."""
+        return 1.0
+
+
+class Capstan(Description):
+    """A motor that winds tendons on a capstan: angle φ [rad] and torque [N m].
+
+    A tendon on side +1 is wound by positive φ, a tendon on side −1 is paid out: displacement = side
+    · radius · φ.
+    """
+
+    kind: Literal["capstan"]
+    name: Name
+    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
+        description="of rotor and capstan, at the capstan"
+    )
+    radius: Length = Field(description="of the capstan, R")
+    damping: AngularDamping = VISCOUS
+    friction: CapstanFriction = CapstanFriction()
+    hysteresis: Hysteresis | None = None
+    backlash: Backlash | None = None
+    cogging: Cogging | None = None
+    stops: AngularRange | None = STOPS
+    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
+    stop_damping: AngularDamping = Parameter(value=0.1)
+    nominal_force: Annotated[Parameter, In("N m", drifts=False)] = USUAL_EFFORT
+    limit: PositiveNewtonMetres | None = LARGEST_EFFORT
+    lag: Seconds = EFFORT_LAG
+    servo: Servo | None = None
+
+    @property
+    def lever(self) -> float:
+        """How far its tendons move per unit of its own motion [m/rad]."""
+        return self.radius.value
+
+
+Drive = Annotated[Slider | Capstan, Field(discriminator="kind")]
+
+
+def position_unit(drive: Slider | Capstan) -> str:
+    """Return the SI unit of a drive's position: m of a slider, rad of a capstan."""
+    return "m" if drive.kind == "slider" else "rad"
+
+
+def effort_unit(drive: Slider | Capstan) -> str:
+    """Return the SI unit of a drive's effort: N of a slider, N m of a capstan."""
+    return "N" if drive.kind == "slider" else "N m"
+
 
 if TYPE_CHECKING:
     from distal.expressions import Scalar

@@ -1,1 +1,0 @@
-"""A rig of a hand from its table, or from files of its own software."""
