@@ -204,6 +204,33 @@ def test_what_nothing_can_judge_is_in_both_positions_until_it_stays() -> None:
     assert tracked([0.0, 3e-3, 3e-3], 0.05, shown=0.0)[-1]["position"] == pytest.approx(3e-3)
 
 
+def test_of_a_reading_after_one_that_stood_still_nothing_is_told_yet() -> None:
+    """A sensor that is stuck since its jump may come back anywhere, its evidence was of that
+    value."""
+    found = tracked([0.0, 0.0, *[3e-3] * 15, 3e-3 + 1e-5], 0.005)
+    assert all(one["real"] < 1e-6 for one in found[2:17])
+    assert found[16]["lost"] > 0.05
+    assert found[17]["evidence"] == 0.0
+    assert found[17]["real"] > 0.9
+    moving = tracked([0.0, 0.0, 3e-3, 3e-3 + 1e-5, 3e-3 + 2e-5], 0.005)
+    assert moving[-1]["evidence"] < -10.0
+
+
+def test_where_logs_never_were_a_drive_did_not_jump() -> None:
+    """Its chance falls with the normal density beyond two stds of the logs' positions."""
+    step = track_function(CHAIN, judged=False)
+    start = np.zeros(MEMORY)
+    start[REMEMBERED.index("real")] = 1.0
+    chances = []
+    for position in (1e-3, 2e-3, 4e-3):
+        given = [position, READ, 2.5e-11, 0.0, 0.0, 1e-8, 0.0, 1e-3, 1.0, *np.zeros(7)]
+        after = np.array(step(start, given, 0.005, faded(0.005))).ravel()
+        chances.append(float(after[REMEMBERED.index("real")]))
+    odds = np.array(chances) / (1.0 - np.array(chances))
+    assert odds[0] == pytest.approx(odds[1])
+    assert odds[2] == pytest.approx(odds[0] * exp(-6.0))
+
+
 def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:
     """It sticks and slips: the force rises by 0.7 of what it would if the joint stood still."""
     found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0)

@@ -225,6 +225,10 @@ class Twin:
             doubt = max(dt - 0.025, 0.0)
             o += jump
         else:
+            is_same = (z - o - start) ** 2 < 1e-12 * noise
+            stood = max(d.doubt, self.guards.persistence_alone)
+            if k > 0 and d.t >= stood and not is_same:
+                evidence = 0.0
             doubt = doubt + dt if o != 0 else 0.0
         lasting = self.guards.persistence if judged else self.guards.persistence_alone
         first = self.guards.real_jump

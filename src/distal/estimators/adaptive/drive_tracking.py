@@ -286,6 +286,14 @@ def _readings(states: StateVector) -> ca.Function:
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
+def _unlikely(position: Scalar, centre: Scalar, scale: Scalar) -> Scalar:
+    """Return by how much a position is less likely than those where logs were, (z² − 4)⁺/2; 0 where
+    there are none.
+    """
+    square = ((position - centre) / ca.fmax(scale, SMALLEST_SCALE)) ** 2
+    return ca.if_else(scale > 0, ca.fmax(square - NEAR, 0) / 2, 0)
+
+
 def faded(dt: Expression) -> Expression:
     """Return the share of a drive's mean speed that is left after an interval dt, e^{−dt/(2 T_v)};
     once for all drives, since exponential functions are slow on a microcontroller.
@@ -337,22 +345,26 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     is_new = read * ca.logic_not(goes_on)
     far = is_new * is_far(robustness, jump, recent * time * time + lost_before, noise)
     # (2) the chance that the jump is real: by where the logs were, and by the drive's force
-    away = ((reading - centre) / ca.fmax(scale, SMALLEST_SCALE)) ** 2
-    ratio = ca.if_else(scale > 0, -ca.fmax(away - NEAR, 0) / 2, 0)
+    ratio: Scalar = 0
     if judged:
         # a tendon alone does not push
         pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
         pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
-        ratio += judges * jump_evidence(missing, pull, variance, shown)
+        ratio = ca.if_else(judges, jump_evidence(missing, pull, variance, shown), 0)
     # after old readings all drives may have gone anywhere together
     is_after_old = judges * (repeats >= OLD)
-    ratio = ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ca.fmax(ratio, -MOST_EVIDENCE))
-    evidence = ca.if_else(far, ratio, evidence)
+    ratio = ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ratio)
+    # what was told of a reading that stood still since its jump is not told of the next one
+    stood = ca.fmax(doubt, robustness.persistence_alone)
+    is_next = read * (lost >= stood) * ((jump + speed * dt) ** 2 >= SAME * noise)
+    evidence = ca.if_else(far, ratio, ca.if_else(is_next, 0, evidence))
     # between slow samples it may have been there since the mean speed faded
     doubt = ca.if_else(far, ca.fmax(dt - MOTION_TIME, 0), ca.if_else(shift == 0, 0, doubt + dt))
     # or the zero of its sensor has jumped, and the drive goes on as it did
     shift = ca.if_else(far, shift + jump, shift)
-    real = chance_of_jump(robustness, doubt, evidence, judges, felt)
+    logged = ca.fmin(_unlikely(reading - shift, centre, scale), MOST_EVIDENCE)
+    logged -= _unlikely(reading, centre, scale)
+    real = chance_of_jump(robustness, doubt, added(evidence, logged), judges, felt)
     is_settled = ca.logic_or(shift == 0, real > SETTLED)
     shift = ca.if_else(is_settled, 0, shift)
     real = ca.if_else(is_settled, 1, real)
