@@ -15,13 +15,16 @@ from distal.estimators.adaptive.drive_tracking import (
     JUDGED,
     MEMORY,
     begun_alone,
-    believed_alone,
-    branches,
+    judged_alone,
     judged_by,
     with_evidence,
 )
-from distal.estimators.estimator_protocol import Channels, KernelEstimator, channels_of
-from distal.expressions import VectorNode
+from distal.estimators.estimator_protocol import (
+    UNKNOWN_POSITION,
+    Channels,
+    KernelEstimator,
+    channels_of,
+)
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
@@ -31,6 +34,7 @@ from distal.regression import (
     Samples,
     Shape,
     begun_by,
+    evidence_of_jumps,
     forces_parameters,
     from_window,
     given,
@@ -230,7 +234,9 @@ class RegressionEstimator(KernelEstimator):
             columns = [self.channels.index(channel) for channel in learned.channels]
             memories.append(begun_by(learned, values[columns], mask[columns]))
         memories += [
-            begun_alone(self.rig, sensor, values[k], is_read(mask[k]))
+            begun_alone(
+                values[k], is_read(mask[k]), UNKNOWN_POSITION[self.rig.drive(sensor.of).kind] ** 2
+            )
             for k, sensor in enumerate(self._sensors.positions)
         ]
         for judge in self._judges:
@@ -255,7 +261,7 @@ def regression_function(
     positions = len(channels.positions)
     shapes = [Shape.of(learned) for learned in maps]
     memories = sum(shape.memory.size for shape in shapes)
-    judged_size = sum(judge.size for judge in judges)
+    judged_size = sum(judge.memory.size for judge in judges)
     layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions, judges=judged_size)
     kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
@@ -263,37 +269,25 @@ def regression_function(
     of_judges = sum(judge.parameters for judge in judges)
     p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions + of_judges)
     p_left = p
-    readings = x[1 : 1 + width]
-    masks = x[1 + width :]
-    drives = list[VectorNode]()
-    elsewhere = ca.MX(readings)
-    doubts = ca.MX.zeros(width)
-    chance = ca.MX(0)
     at = sum(sizes)
-    for k in range(positions):
-        was = kernel_state[layout["drives"]][MEMORY * k : MEMORY * (k + 1)]
-        judged = p[at : at + JUDGED.size]
-        at += JUDGED.size
-        after_it = believed_alone(was, x[0], x[1 + k], x[1 + width + k], judged)
-        branch = branches(after_it)
-        readings[k] = branch["off"]
-        elsewhere[k] = branch["real"]
-        doubts[k] = branch["variance"]
-        chance = ca.fmax(chance, branch["chance"])
-        masks[channels.of_message(k)] *= branch["believed"]
-        drives.append(after_it)
-    judged_memories = []
-    begin = 0
-    for judge in judges:
-        memory = kernel_state[layout["judges"]][begin : begin + judge.size]
-        begin += judge.size
-        ratio, after_it = judge.evidence(
-            memory, x[0], readings, elsewhere, masks, p[at : at + judge.parameters]
-        )
-        at += judge.parameters
-        judged_memories.append(after_it)
-        for k in judge.positions:
-            drives[k] = with_evidence(drives[k], ratio)
+    judged_by_p = ca.vertsplit(p[at : at + JUDGED.size * positions], JUDGED.size)
+    sample = judged_alone(
+        ca.vertsplit(kernel_state[layout["drives"]], MEMORY),
+        x[0],
+        x[1 : 1 + width],
+        x[1 + width :],
+        [(k, judged_by_p[k], channels.of_message(k)) for k in range(positions)],
+    )
+    ratios, judged = evidence_of_jumps(
+        judges,
+        kernel_state[layout["judges"]],
+        x[0],
+        sample.off,
+        sample.real,
+        sample.masks,
+        p[at + JUDGED.size * positions :],
+    )
+    drives = [with_evidence(drive, ratios[k]) for k, drive in enumerate(sample.drives)]
     mean = ca.MX.zeros(n)
     spread = ca.MX.zeros(n, n)
     after = []
@@ -307,12 +301,12 @@ def regression_function(
         values, _, variances, following = map_function(shape, len(rows))(
             memory,
             x[0],
-            readings[columns],
-            masks[columns],
+            sample.off[columns],
+            sample.masks[columns],
             parameters,
-            doubts[columns],
-            elsewhere[columns],
-            chance,
+            sample.doubts[columns],
+            sample.real[columns],
+            sample.chance,
         )
         stds = ca.sqrt(variances)
         mean[rows] = values
@@ -322,7 +316,7 @@ def regression_function(
         mean=mean,
         covariance=spread,
         map=ca.vertcat(*after),
-        drives=ca.vertcat(*drives),
-        judges=ca.vertcat(ca.MX(0, 1), *judged_memories),
+        drives=ca.vertcat(ca.MX(0, 1), *drives),
+        judges=judged,
     )
     return ca.Function("regression", [kernel_state, x, p], [following, ca.MX.zeros(1)])

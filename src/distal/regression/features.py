@@ -482,11 +482,6 @@ class JudgedJumps:
         size = self.shape.memory.size
         return Layout(off=size, real=size, is_next=1, square=1, waited=1)
 
-    @property
-    def size(self) -> int:
-        """Length of its memory."""
-        return self.memory.size
-
     def begun(self, positions: Expression, mask: Expression) -> Expression:
         """Return its memory before the first sample."""
         memory = begun_by(self.learned, positions, mask)
@@ -534,6 +529,37 @@ class JudgedJumps:
             waited=differs * dt,
         )
         return is_read * is_real * ratio, following
+
+
+def evidence_of_jumps(
+    judges: Sequence[JudgedJumps],
+    memory: VectorNode,
+    dt: VectorNode,
+    off: VectorNode,
+    real: VectorNode,
+    masks: VectorNode,
+    parameters: VectorNode,
+) -> tuple[VectorNode, VectorNode]:
+    """Return for each channel the logarithm of the likelihood ratio of its `real` reading to that
+    which is `off`, by all `judges`, and their memory⁺; see `JudgedJumps.evidence`.
+
+    Args:
+        memory: of one judge after the other.
+        parameters: of one judge after the other.
+    """
+    ratios = ca.MX.zeros(off.numel())
+    after = [ca.MX(0, 1)]
+    at = number = 0
+    for judge in judges:
+        memory_of = memory[at : at + judge.memory.size]
+        parameters_of = parameters[number : number + judge.parameters]
+        ratio, following = judge.evidence(memory_of, dt, off, real, masks, parameters_of)
+        at += judge.memory.size
+        number += judge.parameters
+        after.append(following)
+        for k in judge.positions:
+            ratios[k] += ratio * (off[k] != real[k])
+    return ratios, ca.vertcat(*after)
 
 
 MOST_EVIDENCE = 50.0

@@ -19,6 +19,7 @@ from distal.regression.features import (
     JudgedJumps,
     Shape,
     added,
+    evidence_of_jumps,
     features_function,
     map_function,
     map_layout,
@@ -226,7 +227,7 @@ def reporting_function(
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
-    sizes = [*(placed.size for placed in maps), *(judge.size for judge in judges)]
+    sizes = [*(placed.size for placed in maps), *(judge.memory.size for judge in judges)]
     sizes_of_p = [*(placed.parameters for placed in maps), *(judge.parameters for judge in judges)]
     kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(sizes))
     x = ca.MX.sym("x", inner.size1_in(1))
@@ -307,18 +308,13 @@ def reporting_function(
         memories.append(after)
         at += placed.size
         number += placed.parameters
+    ratios, after = evidence_of_jumps(
+        judges, kernel_state[at:], x[0], readings, elsewhere, masks, p[number:]
+    )
+    memories.append(after)
     following = ca.MX(following)
-    for judge in judges:
-        memory = kernel_state[at : at + judge.size]
-        ratio, after = judge.evidence(
-            memory, x[0], readings, elsewhere, masks, p[number : number + judge.parameters]
-        )
-        for k in judge.positions:
-            has_jumped = readings[k] != elsewhere[k]
-            following[evidence[k]] = added(following[evidence[k]], ratio * has_jumped)
-        memories.append(after)
-        at += judge.size
-        number += judge.parameters
+    for k, index in enumerate(evidence):
+        following[index] = added(following[index], ratios[k])
     reports = [part for of_states in answers.values() for part in _pooled(opened, *of_states)]
     return ca.Function(
         "reporting",

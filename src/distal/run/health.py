@@ -34,7 +34,7 @@ from distal.regression import INDEPENDENT, MOST
 from distal.rig import FAR, RangeEnd, Rig, Role, measurand_of, position_range, range_ends, step_of
 from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, Remembered, only
 from distal.run.offline import priors_of
-from distal.run.redundancy import AVERAGED, Redundancy
+from distal.run.redundancy import Redundancy
 
 Health = Literal[
     "ok",
@@ -496,7 +496,6 @@ class Monitor:
         self._last_late = -inf
         self._time = -inf
         self._fresh = True
-        self._jumps = dict[str, float]()
         self._anew = ""
         self._before: Remembered | None = None
 
@@ -516,7 +515,7 @@ class Monitor:
         return _with_memory, (self._live, self._limits, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
-        names = ("_anew", "_before", "_fresh", "_jumps", "_late", "_last_late", "_time")
+        names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_time")
         return {"_memory": self._memory.copy()} | {name: getattr(self, name) for name in names}
 
     @property
@@ -657,13 +656,6 @@ class Monitor:
         self._memory, findings = self._check(self._memory, self._sample)
         self._findings = findings.copy()
         self._fresh = False
-        learned = self._memory[watch.memory["learned"]]
-        # a jump after which forces are normal was none
-        is_normal = not np.any(findings[watch.findings["unlike"]])
-        least = self._time - AVERAGED[0] if is_normal else -inf
-        doubts = watch.redundancy.remembered(learned, "doubt")
-        now = {name: self._time - doubt for name, doubt in doubts.items() if doubt > 0.0}
-        self._jumps = {n: at for n, at in (self._jumps | now).items() if at >= least}
         if findings[0] == 0:
             return []
         flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
@@ -677,11 +669,12 @@ class Monitor:
         return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
 
     def _jumped(self) -> str:
-        """Return the position that jumped last, in words; empty where none did."""
-        if not self._jumps:
-            return ""
-        last = max(self._jumps, key=self._jumps.__getitem__)
-        return f"{last} jumped {self._time - self._jumps[last]:.2g} s ago"
+        """Return the position that jumped last and may be off, in words; empty where none is."""
+        redundancy = self._watch.redundancy
+        learned = self._memory[self._watch.memory["learned"]]
+        shifts, times = (redundancy.remembered(learned, name) for name in ("shift", "doubt"))
+        jumped = [(times[name], name) for name, shift in shifts.items() if shift]
+        return "" if not jumped else "{1} jumped {0:.2g} s ago".format(*min(jumped))
 
     def _likely_cause(self) -> str:
         """Return what forces that are not those of free motion most likely come of, in words."""

@@ -20,8 +20,8 @@ from distal.arrays import Bools, Floats
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
-    believed_alone,
-    branches,
+    begun_alone,
+    judged_alone,
     judged_by,
     with_evidence,
 )
@@ -31,11 +31,12 @@ from distal.logs import Log
 from distal.regression import (
     INDEPENDENT,
     MOST,
+    JudgedJumps,
     Shape,
     begun_by,
+    evidence_of_jumps,
     forces_function,
     forces_parameters,
-    likelihood_ratio,
 )
 from distal.rig import LearnedMap, Rig
 
@@ -116,7 +117,9 @@ class Redundancy:
     @property
     def memory(self) -> int:
         """Length of what is remembered: that of each part, and of each position."""
-        return sum(part.memory.size for part in self._parts) + MEMORY * len(self.judged)
+        judges = JudgedJumps.among(self.maps, self.channels)
+        parts = [*(part.memory.size for part in self._parts), *(j.memory.size for j in judges)]
+        return sum(parts) + MEMORY * len(self.judged)
 
     @property
     def _parts(self) -> list[_Part]:
@@ -196,32 +199,36 @@ class Redundancy:
         unlike: list[VectorNode] = []
         outside: list[VectorNode] = []
         after: list[VectorNode] = []
-        at = self.memory - MEMORY * len(self.judged)
-        tracks = list[VectorNode]()
-        values = ca.MX(came["values"])
-        elsewhere = ca.MX(came["values"])
-        shifted = ca.MX.zeros(len(self.channels))
-        lasting = ca.MX.zeros(len(self.channels))
-        masks = ca.MX(came["mask"])
-        for k, judged_with, message in self.judged:
-            was_there = memory[at : at + MEMORY]
-            at += MEMORY
-            begun = ca.MX.zeros(MEMORY)
-            begun[REMEMBERED.index("position")] = values[k]
-            begun[REMEMBERED.index("real")] = 1
-            was_there = ca.if_else(came["first"], begun, was_there)
-            track = believed_alone(
-                was_there, came["dt"], values[k], masks[k], ca.MX(ca.DM(judged_with))
-            )
-            branch = branches(track)
-            is_real = branch["chance"] > 0.5
-            values[k] = ca.if_else(is_real, branch["real"], branch["off"])
-            elsewhere[k] = ca.if_else(is_real, branch["off"], branch["real"])
-            lasting[k] = branch["lasts"]
-            shifted[k] = ca.if_else(branch["off"] == branch["real"], 0, 2 * is_real - 1)
-            masks[list(message)] *= branch["believed"]
-            tracks.append(track)
-        came = {**came, "values": values, "mask": masks}
+        judges = JudgedJumps.among(self.maps, self.channels)
+        size = MEMORY * len(self.judged)
+        of_judges = sum(judge.memory.size for judge in judges)
+        own = memory.numel() - size - of_judges
+        begun = [begun_alone(came["values"][k], came["mask"][k]) for k, *_ in self.judged]
+        tracks = ca.if_else(came["first"], ca.vertcat(*begun), memory[own + of_judges :])
+        positions = [
+            (k, ca.MX(ca.DM(judged_with)), message) for k, judged_with, message in self.judged
+        ]
+        sample = judged_alone(
+            ca.vertsplit(tracks, MEMORY), came["dt"], came["values"], came["mask"], positions
+        )
+        of_positions = [
+            judge.begun(came["values"][list(judge.positions)], came["mask"][list(judge.positions)])
+            for judge in judges
+        ]
+        ratios, judged_jumps = evidence_of_jumps(
+            judges,
+            ca.if_else(came["first"], ca.vertcat(*of_positions), memory[own : own + of_judges]),
+            came["dt"],
+            sample.off,
+            sample.real,
+            sample.masks,
+            ca.DM(np.concatenate([forces_parameters(judge.learned) for judge in judges])),
+        )
+        tracks = [
+            with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
+        ]
+        values = ca.if_else(sample.chance > 0.5, sample.real, sample.off)
+        came = {**came, "values": values, "mask": sample.masks}
         at = 0
         for part in self._parts:
             was = part.memory.parts(memory[at : at + part.memory.size])
@@ -232,14 +239,6 @@ class Redundancy:
                 was["features"], came["first"], came["dt"], read, mask
             )
             is_read = _every(mask)
-            # which of both readings of a position that jumped is right
-            second, _, after_second = part.compared(
-                was["second"], came["first"], came["dt"], elsewhere[part.read], mask
-            )
-            ratio = is_read * likelihood_ratio(second, square, len(part.learned.joints), came["dt"])
-            for i, (k, *_) in enumerate(self.judged):
-                if k in part.read:
-                    tracks[i] = with_evidence(tracks[i], ratio * shifted[k])
             judged = is_read * (beyond <= 0)
             now = averaged(was, came["first"], square, came["dt"], judged)
             remembered = {**was, "features": left, **now}
@@ -249,12 +248,10 @@ class Redundancy:
             is_wrong = _any(remembered["evidence"] > -np.log(PRIOR))
             squares.append(square)
             outside.append(beyond > 0)
-            jumped = _any(lasting[part.read])
-            has_jumped = _any(ca.fabs(shifted[part.read]))
-            remembered["second"] = ca.if_else(has_jumped, after_second, left)
-            unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), jumped))
+            unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), _any(sample.lasting[part.read])))
             after.append(part.memory.joined(**remembered))
-        return ca.vertcat(*after, *tracks), *(ca.vertcat(*of) for of in (squares, unlike, outside))
+        after += [judged_jumps, *tracks]
+        return ca.vertcat(*after), *(ca.vertcat(*of) for of in (squares, unlike, outside))
 
 
 @dataclass(frozen=True)
@@ -285,7 +282,6 @@ class _Part:
         size = self.shape.memory.size
         return Layout(
             features=size,
-            second=size,
             means=len(AVERAGED),
             time=1,
             turn=1,

@@ -6,6 +6,7 @@ Equations (1) to (6).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import log
 from typing import Generic
@@ -427,23 +428,77 @@ def judged_by(rig: Rig, sensor: Sensor) -> Floats:
     return np.array([variance(sensor), dead_after(sensor), wandering, *usual_motion(rig, sensor)])
 
 
-def begun_alone(rig: Rig, sensor: Sensor, reading: Expression, is_there: Expression) -> Expression:
-    """Return what is remembered of a position at its first sample."""
-    unknown = UNKNOWN_POSITION[rig.drive(sensor.of).kind] ** 2
+def begun_alone(reading: Expression, is_there: Expression, unknown: float = 0.0) -> Expression:
+    """Return what is remembered of a position at its first sample; it is `unknown` with that
+    variance where it is not read.
+    """
     start = {"position": reading, "real": 1.0, "unknown": ca.if_else(is_there, 0.0, unknown)}
     memory: Expression = ca.vertcat(*(start.get(name, 0) for name in REMEMBERED))
     return memory
 
 
-def believed_alone(
-    memory: VectorNode, dt: ScalarNode, reading: ScalarNode, mask: ScalarNode, judged: VectorNode
-) -> VectorNode:
-    """Return what is remembered of a position where no force judges it; see `track_function`."""
-    came = {"reading": reading, "mask": mask, **JUDGED.parts(judged)}
+@dataclass(frozen=True)
+class Judged:
+    """The readings of a sample, if the last jumps of positions were none of the drives, and if they
+    were real.
+
+    Args:
+        off: if they were none, (n,).
+        real: if they were real, (n,).
+        doubts: variances beside that, (n,).
+        masks: of the readings that count, (n,).
+        chance: that the jumps were real.
+        drives: what is remembered of each position.
+        lasting: whether the jump of each reading lasts, (n,).
+    """
+
+    off: VectorNode
+    real: VectorNode
+    doubts: VectorNode
+    masks: VectorNode
+    chance: ScalarNode
+    drives: list[VectorNode]
+    lasting: VectorNode
+
+
+def judged_alone(
+    memories: Sequence[VectorNode],
+    dt: ScalarNode,
+    readings: VectorNode,
+    masks: VectorNode,
+    positions: Sequence[tuple[int, VectorNode, Sequence[int]]],
+) -> Judged:
+    """Return a sample's readings where no force judges a position; see `track_function`.
+
+    Args:
+        memories: what is remembered of each position.
+        dt: since the sample before [s].
+        readings: of the channels, (n,).
+        masks: of them, (n,).
+        positions: of each its index, what it is judged by, `JUDGED`, and the indices of what its
+            motor reads with it.
+    """
+    off = ca.MX(readings)
+    real = ca.MX(readings)
+    masks = ca.MX(masks)
+    doubts = ca.MX.zeros(readings.numel())
+    lasting = ca.MX.zeros(readings.numel())
+    chance = ca.MX(0)
+    drives = []
     track = track_function(Robustness(), False)
-    readings = ca.vertcat(*(came.get(name, 0) for name in READING.names))
-    drive = track(memory, readings, dt, faded(dt))
-    return drive[:MEMORY]
+    for memory, (k, judged, message) in zip(memories, positions):
+        came = {"reading": readings[k], "mask": masks[k], **JUDGED.parts(judged)}
+        given = ca.vertcat(*(came.get(name, 0) for name in READING.names))
+        drive = track(memory, given, dt, faded(dt))[:MEMORY]
+        branch = branches(drive)
+        off[k] = branch["off"]
+        real[k] = branch["real"]
+        doubts[k] = branch["variance"]
+        lasting[k] = branch["lasts"]
+        chance = ca.fmax(chance, branch["chance"])
+        masks[list(message)] *= branch["believed"]
+        drives.append(drive)
+    return Judged(off, real, doubts, masks, chance, drives, lasting)
 
 
 def either_variance(real: Expression, shift: Expression) -> Expression:
