@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import inspect
 import pkgutil
@@ -101,11 +102,22 @@ def test_modules_are_short() -> None:
 
 def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", text, re.S)
-    assert len(code.strip().splitlines()) <= 12
+    first, code = re.findall(r"```python\n(.*?)```", text, re.S)
+    assert max(len(block.strip().splitlines()) for block in (first, code)) <= 12
+    assert text[: text.index(first)].count("\n") < 40
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "README.md", "exec"), {})
     assert list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_first_example_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """From the folder of the repository, whose logs it names."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (code, _) = re.findall(r"```python\n(.*?)```", text, re.S)
+    with contextlib.chdir(ROOT):
+        exec(compile(code, "README.md", "exec"), {})
+    assert "100 % inside the band" in capsys.readouterr().out
 
 
 def examples(page: str) -> list[str]:
