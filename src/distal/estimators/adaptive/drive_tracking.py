@@ -527,7 +527,10 @@ def branches(memory: Expression) -> dict[str, Expression]:
         "off": drive["position"] - real * shift,
         "real": drive["position"] + (1 - real) * shift,
         "chance": ca.if_else(shift == 0, 0, real),
-        "variance": ca.fmax(drive["unknown"] - either_variance(real, shift), 0),
+        # of a position that is missing maps know by its age
+        "variance": ca.if_else(
+            shift != 0, ca.fmax(drive["unknown"] - either_variance(real, shift), 0), 0
+        ),
         "believed": ca.logic_or(drive["lost"] <= 0, shift != 0),
         "lasts": ca.logic_and(shift != 0, drive["doubt"] >= Robustness().persistence_alone),
     }
