@@ -45,7 +45,6 @@ from distal import (
 )
 from distal.confidence import BAND
 from distal.logs import MessageReader, true_angles, write_log
-from distal.regression import MOST
 from distal.rig import log_factor
 from distal.run.redundancy import Redundancy
 
@@ -255,7 +254,7 @@ def densities_of(log: Log, rig: Rig) -> list[np.ndarray]:
     values = np.column_stack(list(log.channels.values()))
     mask = np.isfinite(values)
     predicted, _, _ = redundancy.along(log.time, np.where(mask, values, 0.0), mask)
-    return [-np.nansum(squares, axis=1) / 2, -np.sum(np.minimum(predicted, MOST), axis=1) / 2]
+    return [-np.nansum(squares, axis=1) / 2, -np.sum(predicted, axis=1) / 2]
 
 
 def shows(spoiled: Log, good: list[np.ndarray], rig: Rig) -> bool:

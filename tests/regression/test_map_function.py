@@ -154,7 +154,7 @@ def test_a_map_is_in_both_places_of_its_readings() -> None:
 
 
 def test_forces_say_which_reading_is_right() -> None:
-    """T² by hand at both readings, each with plays of its own from the jump on."""
+    """T² and its spread by hand at both readings, each with plays of its own from the jump on."""
     learned = drawn_map(("f", "g"), ("x",), False)
     learned = learned.model_copy(update={"rms": (0.2, 0.3)})
     judge = JudgedJumps.among([learned], ["x", "f", "g"])[0]
@@ -168,11 +168,14 @@ def test_forces_say_which_reading_is_right() -> None:
         outputs, after = features_function(shape)(memory, dt, x, 1.0, frame_of(learned, shape))
         parts = {name: np.array(v).ravel() for name, v in shape.outputs.parts(outputs).items()}
         errors = np.array(forces) - learned.arrays["mean"] @ parts["features"]
+        spread = 0.0
         for j in range(2):
             turns = slopes_of_slips(learned, parts["features"], parts, j)
-            errors[j] /= np.sqrt(learned.rms[j] ** 2 + (turns @ parts["doubt"]) ** 2 / 3)
+            beside = (turns @ parts["doubt"]) ** 2 / 3
+            errors[j] /= np.sqrt(learned.rms[j] ** 2 + beside)
+            spread += np.log(1 + beside / learned.rms[j] ** 2) / 2
         whitened = whitening(learned.arrays["correlation"]) @ errors
-        return float(whitened @ whitened / 2), np.array(after).ravel()
+        return min(float(whitened @ whitened / 2), MOST) + spread, np.array(after).ravel()
 
     memory = judge.begun(ca.DM([0.1]), ca.DM([1]))
     off = real = np.array(judge.memory.part(memory, "off")).ravel()
@@ -197,9 +200,7 @@ def test_forces_say_which_reading_is_right() -> None:
         np.testing.assert_allclose(np.array(parts["off"]).ravel(), off)
         np.testing.assert_allclose(np.array(parts["real"]).ravel(), real)
         if k == 2:
-            expected = (
-                2 * (2 * DT / INDEPENDENT) / 2 * (min(squares[0], MOST) - min(squares[1], MOST))
-            )
+            expected = 2 * (2 * DT / INDEPENDENT) / 2 * (squares[0] - squares[1])
             assert total == pytest.approx(expected, rel=1e-6)
     assert total == pytest.approx(expected)
     missing, _ = judge.evidence(

@@ -6,7 +6,9 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -15,7 +17,15 @@ from distal.errors import RigError
 from distal.fitting.fit import write_fitted
 from distal.fitting.learned_maps import efforts_of
 from distal.kernels import Feed, advance
-from distal.regression import INDEPENDENT, MOST, features_along, whitening
+from distal.regression import (
+    INDEPENDENT,
+    MOST,
+    begun_by,
+    features_along,
+    forces_function,
+    forces_parameters,
+    whitening,
+)
 from distal.regression.features import Shape
 from distal.run import JointContact
 from distal.run.health import Health, begun, watch_of
@@ -171,6 +181,23 @@ def test_where_no_log_has_been_it_is_said(rig: Rig) -> None:
     assert (reading.health, reading.detail) == ("outside", f"{name} is where no log has been")
 
 
+def costs_of(part: Any, time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return T² and its spread along rows of all channels, (k,) each."""
+    learned, shape = part.learned, part.shape
+    function = forces_function(shape, len(learned.joints))
+    parameters = forces_parameters(learned)
+    rows = values[:, part.read]
+    there = np.ones(shape.channels)
+    memory = begun_by(learned, ca.DM(rows[0, : shape.channels]), ca.DM(there))
+    found = []
+    for step, row in zip(np.diff(time, prepend=time[0]), rows):
+        positions, forces = row[: shape.channels], row[shape.channels :]
+        square, spread, memory = function(memory, step, positions, there, forces, parameters)
+        found.append((float(square), float(spread)))
+    squares, spreads = np.array(found).T
+    return squares, spreads
+
+
 def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     """m⁺ = m + dt/min(T, T₁ + t) (min(T², c) − m), with e by the features over the whole log; its
     variance is larger while nobody knows on which side of its play a drive is.
@@ -192,9 +219,13 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     along = features_along(shape, shape.flat(learned.arrays.by_name), log.time[:count], read)
     predicted = along["features"] @ learned.arrays["mean"].T
     forces = np.column_stack([log.channels[name] for name in learned.joints])[:count]
-    redundancy = Redundancy.of(rig, monitor.channels)
-    there = np.isfinite(samples[:count])
-    squares, _, _ = redundancy.along(log.time[:count], samples[:count], there)
+    squares, spreads = (c[:, None] for c in costs_of(part, log.time[:count], samples[:count]))
+    costs, _, _ = Redundancy.of(rig, monitor.channels).along(
+        log.time[:count], samples[:count], np.isfinite(samples[:count])
+    )
+    np.testing.assert_allclose(costs, np.minimum(squares, MOST) + spreads, rtol=1e-9)
+    assert spreads[0] > 1.0
+    assert spreads[-1] < 0.1
     plain = ((forces - predicted) / learned.rms) ** 2
     assert (squares <= plain * (1 + 1e-9)).all()
     assert np.sum(squares[:50]) < 0.9 * np.sum(plain[:50])
@@ -223,15 +254,11 @@ def late(log: Log, name: str, delay: float) -> np.ndarray:
     return np.concatenate([np.full(count, values[0]), values[:-count]])
 
 
-def along(redundancy: Redundancy, time: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
-    return [part[:, 0] for part in redundancy.along(time, values, np.isfinite(values))]
-
-
 def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
-    """ln o⁺ = ln o + n/2 (u(T²₀) − u(T²ₕ)) min(dt, τ)/τ, from ln p₀ to −ln p₀, where u(T²) = min(T²
-    + c b, c) and b is how far a position is beyond the logs, in ranges; beside a touch T²₀ is at
-    most m + ln c, where m is the largest normal mean. Each sample asks one hypothesis: two
-    positions are exchanged, all but one are earlier, by what is kept, or one has another sign.
+    """ln o⁺ = ln o + n/2 (u₀ − uₕ) min(dt, τ)/τ, from ln p₀ to −ln p₀, where u = min(T² + c b, c)
+    and the spread of T², and b is how far a position is beyond the logs, in ranges; beside a touch
+    T²₀ is at most m + ln c, where m is the largest normal mean. Each sample asks one hypothesis:
+    two positions are exchanged, all but one are earlier, by what is kept, or one has another sign.
     """
     log = ropes_log(11, 6.0)
     log = changed(log, flexor_angle=late(log, "flexor_angle", 0.2))
@@ -239,8 +266,7 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     redundancy = replace(Redundancy.of(ropes, list(log.channels)), judged=())
     [part] = redundancy._parts
     values = np.column_stack(list(log.channels.values()))
-    plain = replace(redundancy, supposes=False)
-    squares, _, _ = along(plain, log.time, values)
+    squares, spreads = costs_of(part, log.time, values)
     ends = [np.array(end) for end in part.learned.reach.values()]
 
     def unlikely(square: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -270,7 +296,7 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     ways = np.max(np.abs(values - behind)[:, part.read[:2]] / scale, axis=1)
     asked = {"evidence": np.zeros((len(values), n)), "beside_touch": np.zeros((len(values), n))}
     for h, readings in enumerate(supposed):
-        theirs, _, _ = along(plain, log.time[h::n], readings[h::n])
+        theirs, wider = costs_of(part, log.time[h::n], readings[h::n])
         waits = np.diff(log.time[h::n], prepend=log.time[h])
         costs = {
             "evidence": squares,
@@ -278,6 +304,7 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
         }
         for name, cost in costs.items():
             gains = unlikely(cost[h::n], values[h::n]) - unlikely(theirs, readings[h::n])
+            gains += spreads[h::n] - wider
             spans = np.minimum(waits / INDEPENDENT, ways[h::n] * waits / LATE)
             gains *= np.minimum(spans, 1.0)
             now, most = 0.0, -np.log(LATER)
@@ -408,7 +435,7 @@ def test_single_wrong_positions_are_no_touch(ropes: Rig) -> None:
     wrong = values.copy()
     wrong[50::97, at] += 4.0
     right, spoiled, believed = (
-        along(judging, log.time, readings)[0].mean()
+        judging.along(log.time, readings, np.isfinite(readings))[0].mean()
         for judging, readings in (
             (redundancy, values),
             (redundancy, wrong),

@@ -459,11 +459,11 @@ def wrong_readings(log: Log, rig: Rig) -> Gains:
         samples = readings.copy()
         cause.apply(x, samples, names, time)
         is_read = np.isfinite(samples)
-        squares, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
-        squares = np.where(outside > 0.0, MOST, np.minimum(squares, MOST))
+        costs, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
+        costs = np.where(outside > 0.0, MOST, costs)
         far = 2.0 * float(np.log1p(cause.distance(x) ** 2))
         share = float(np.mean((outside + unlike).any(axis=1)))
-        return spans * float(np.mean(squares @ weights)) + far, share
+        return spans * float(np.mean(costs @ weights)) + far, share
 
     read = list(of_sensors(rig, names, float(np.median(np.diff(time)))))
     before, share = judged(read[0], 0.0)

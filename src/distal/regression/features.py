@@ -402,8 +402,9 @@ def forces_parameters(learned: LearnedMap) -> Floats:
 
 @lru_cache(maxsize=32)
 def forces_function(shape: Shape, forces: int) -> ca.Function:
-    """Return the function (memory, dt, positions, mask, forces, parameters) → (T², memory⁺): how
-    unlike free motion the forces are at these positions, T² = eᵀ Σ⁻¹ e/n.
+    """Return the function (memory, dt, positions, mask, forces, parameters) → (T², spread,
+    memory⁺): how unlike free motion the forces are at these positions, T² = eᵀ Σ⁻¹ e/n, and
+    ln(det Σ/det Σ₀)/n, Σ₀ being that of settled plays: else it would be likeliest to know nothing.
     """
     memory = ca.MX.sym("memory", shape.memory.size)
     dt = ca.MX.sym("dt")
@@ -415,6 +416,7 @@ def forces_function(shape: Shape, forces: int) -> ca.Function:
     outputs, after = features_function(shape)(memory, dt, positions, mask, of["frame"])
     out = shape.outputs.parts(outputs)
     errors = []
+    spreads = []
     for k in range(forces):
         mean = of["mean"][:, k]
         # at first nobody knows on which side of its play a drive is
@@ -422,9 +424,15 @@ def forces_function(shape: Shape, forces: int) -> ca.Function:
             shape, mean, out, shape.frame.parts(of["frame"]), ca.MX.zeros(shape.channels)
         )
         error = read[k] - ca.dot(mean, out["features"])
-        errors.append(error / ca.sqrt(of["rms"][k] ** 2 + beside))
+        wider = 1 + beside / of["rms"][k] ** 2
+        spreads.append(ca.log(wider))
+        errors.append(error / (of["rms"][k] * ca.sqrt(wider)))
     square = ca.sumsqr(ca.mtimes(of["whitener"], ca.vertcat(*errors))) / forces
-    return ca.Function("forces", [memory, dt, positions, mask, read, parameters], [square, after])
+    return ca.Function(
+        "forces",
+        [memory, dt, positions, mask, read, parameters],
+        [square, sum(spreads) / forces, after],
+    )
 
 
 def whitening(correlation: Floats) -> Floats:
@@ -477,10 +485,10 @@ class JudgedJumps:
     @property
     def memory(self) -> Layout:
         """What is remembered: of the features at either reading, whether the `real` one is asked
-        next, the last T², and the interval before it [s].
+        next, what the last one cost, and the interval before it [s].
         """
         size = self.shape.memory.size
-        return Layout(off=size, real=size, is_next=1, square=1, waited=1)
+        return Layout(off=size, real=size, is_next=1, cost=1, waited=1)
 
     def begun(self, positions: Expression, mask: Expression) -> Expression:
         """Return its memory before the first sample."""
@@ -511,7 +519,7 @@ class JudgedJumps:
         differs = reduce(ca.fmax, ca.vertsplit(off[positions] != real[positions]))
         is_real = differs * was["is_next"]
         # what plays remember differs from the jump on, and is the same while there is none
-        square, after = forces_function(self.shape, len(forces))(
+        square, spread, after = forces_function(self.shape, len(forces))(
             ca.if_else(is_real, was["real"], was["off"]),
             dt + differs * was["waited"],
             ca.if_else(is_real, real[positions], off[positions]),
@@ -520,15 +528,16 @@ class JudgedJumps:
             parameters,
         )
         is_read = reduce(ca.fmin, ca.vertsplit(mask[[*positions, *forces]] > 0))
-        ratio = likelihood_ratio(was["square"], square, len(forces), dt + was["waited"])
+        cost = ca.fmin(square, MOST) + spread
+        count = len(forces) * ca.fmin((dt + was["waited"]) / INDEPENDENT, 1) / 2
         following = self.memory.joined(
             off=ca.if_else(is_real, was["off"], after),
             real=ca.if_else(differs * (1 - is_real), was["real"], after),
             is_next=differs * (1 - is_real),
-            square=square,
+            cost=cost,
             waited=differs * dt,
         )
-        return is_read * is_real * ratio, following
+        return is_read * is_real * count * (was["cost"] - cost), following
 
 
 def evidence_of_jumps(
@@ -572,14 +581,6 @@ def added(evidence: Expression, ratio: Expression) -> Expression:
     """Return the logarithm of odds after more evidence, within `MOST_EVIDENCE`."""
     total: Expression = ca.fmin(ca.fmax(evidence + ratio, -MOST_EVIDENCE), MOST_EVIDENCE)
     return total
-
-
-def likelihood_ratio(off: VectorNode, real: VectorNode, forces: int, dt: VectorNode) -> VectorNode:
-    """Return the logarithm of the likelihood of a sample that has T² `real` over that of one that
-    has T² `off`, by so many forces.
-    """
-    count = forces * ca.fmin(dt / INDEPENDENT, 1) / 2
-    return count * (ca.fmin(off, MOST) - ca.fmin(real, MOST))
 
 
 def variance_beside(

@@ -176,7 +176,8 @@ class Redundancy:
         return ca.Function("judged_with_maps", [memory, x], [ca.vertcat(left, after), findings])
 
     def along(self, time: Floats, values: Floats, mask: Bools) -> tuple[Floats, Floats, Floats]:
-        """Return T² of each of `parts` over a log, whether its means are beyond what is normal, and
+        """Return what each sample costs each of `parts`, −2 ln of its likelihood for each force,
+        but a constant, over a log; whether its mean T² is beyond what is normal; and
         whether a position is where no log has been, all (k, n_parts).
 
         Args:
@@ -188,14 +189,14 @@ class Redundancy:
             [np.arange(len(time)) == 0, np.diff(time, prepend=time[:1]), values, mask]
         )
         ys = advance(_kernel(self), Feed(np.zeros(self.memory), rows.astype(np.float64), NONE)).ys
-        squares, unlike, outside = np.hsplit(ys, 3)
-        return squares, unlike, outside
+        costs, unlike, outside = np.hsplit(ys, 3)
+        return costs, unlike, outside
 
     def _step(
         self, memory: VectorNode, came: Mapping[str, VectorNode]
     ) -> tuple[VectorNode, VectorNode, VectorNode, VectorNode]:
         """Return what is remembered after a sample, and what `along` returns."""
-        squares: list[VectorNode] = []
+        costs: list[VectorNode] = []
         unlike: list[VectorNode] = []
         outside: list[VectorNode] = []
         after: list[VectorNode] = []
@@ -235,7 +236,7 @@ class Redundancy:
             at += part.memory.size
             read = came["values"][part.read]
             mask = came["mask"][part.read]
-            square, beyond, left = part.compared(
+            square, spread, beyond, left = part.compared(
                 was["features"], came["first"], came["dt"], read, mask
             )
             is_read = _every(mask)
@@ -243,15 +244,17 @@ class Redundancy:
             now = averaged(was, came["first"], square, came["dt"], judged)
             remembered = {**was, "features": left, **now}
             if self.supposes:
-                remembered |= part.supposed(was, came, read, mask, (square, beyond), is_read)
+                remembered |= part.supposed(
+                    was, came, read, mask, (square, spread, beyond), is_read
+                )
             is_unlike = 1 - _every(now["means"] <= ca.DM(part.learned.normal))
             is_wrong = _any(remembered["evidence"] > -np.log(PRIOR))
-            squares.append(square)
+            costs.append(_cost(square, spread, beyond))
             outside.append(beyond > 0)
             unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), _any(sample.lasting[part.read])))
             after.append(part.memory.joined(**remembered))
         after += [judged_jumps, *tracks]
-        return ca.vertcat(*after), *(ca.vertcat(*of) for of in (squares, unlike, outside))
+        return ca.vertcat(*after), *(ca.vertcat(*of) for of in (costs, unlike, outside))
 
 
 @dataclass(frozen=True)
@@ -295,9 +298,9 @@ class _Part:
 
     def compared(
         self, was: VectorNode, first: VectorNode, dt: VectorNode, read: VectorNode, mask: VectorNode
-    ) -> tuple[VectorNode, VectorNode, VectorNode]:
-        """Return T² of the forces, by how much of its range a position is beyond all logs, and what
-        the features remember.
+    ) -> tuple[VectorNode, VectorNode, VectorNode, VectorNode]:
+        """Return T² of the forces and its spread, see `forces_function`, by how much of its range a
+        position is beyond all logs, and what the features remember.
         """
         shape = self.shape
         positions = read[: shape.channels]
@@ -305,13 +308,13 @@ class _Part:
         begun = begun_by(self.learned, positions, given)
         was += first * (begun - was)
         count = len(self.learned.joints)
-        square, left = forces_function(shape, count)(
+        square, spread, left = forces_function(shape, count)(
             was, dt, positions, given, read[shape.channels :], forces_parameters(self.learned)
         )
         low, high = (ca.DM([end[side] for end in self.learned.reach.values()]) for side in (0, 1))
         away = ca.fmax(ca.fmax(low - positions, positions - high), 0) / (high - low)
         beyond = _any(away * given)
-        return square, beyond, left
+        return square, spread, beyond, left
 
     def supposed(
         self,
@@ -319,11 +322,11 @@ class _Part:
         came: Mapping[str, VectorNode],
         read: VectorNode,
         mask: VectorNode,
-        compared: tuple[VectorNode, VectorNode],
+        compared: tuple[VectorNode, VectorNode, VectorNode],
         judged: VectorNode,
     ) -> dict[str, VectorNode]:
         """Return what is remembered of the hypotheses, of which each sample asks one; `compared`
-        is T² as it is read, and by how much a position is beyond all logs.
+        is what `compared` returns of it as it is read.
         """
         dt = came["dt"]
         # until each sensor has been read there is nothing to compare
@@ -349,7 +352,7 @@ class _Part:
         since = ca.if_else(begins, -1, was["since"])
         age = ca.dot(chosen, since)
         waited = ca.fmax(age, 0) + dt
-        theirs, beyond, left = self.compared(
+        *theirs, left = self.compared(
             ca.mtimes(was["supposed"], chosen),
             age < 0,
             waited,
@@ -360,12 +363,12 @@ class _Part:
         scale = ca.DM(self.learned.arrays["scale"][: self.shape.channels])
         way = _any(ca.fabs(read - earlier)[: self.shape.channels] / scale) * waited / LATE
         spans = ca.fmin(ca.fmin(waited / INDEPENDENT, way), 1) * (age >= 0) * judged
-        square, away = compared
+        square, *beside = compared
         evidence = dict[str, VectorNode]()
         # a touch makes forces MOST times as uncertain: as they are read they cost no more
         touched = ca.fmin(square, self.learned.normal[-1] + np.log(MOST))
-        for name, cost in (("evidence", square), ("beside_touch", touched)):
-            gain = _unlikely(cost, away) - _unlikely(theirs, beyond)
+        for name, own in (("evidence", square), ("beside_touch", touched)):
+            gain = _cost(own, *beside) - _cost(*theirs)
             total = ca.if_else(begins, 0, was[name])
             total += chosen * spans * gain * len(self.learned.joints) / 2
             evidence[name] = ca.fmin(ca.fmax(total, np.log(LATER)), -np.log(LATER))
@@ -381,11 +384,11 @@ class _Part:
         }
 
 
-def _unlikely(square: VectorNode, beyond: VectorNode) -> VectorNode:
-    """Return T² with what speaks against positions that are `beyond` all logs: a whole range beyond
-    is as unlikely as any force.
+def _cost(square: VectorNode, spread: VectorNode, beyond: VectorNode) -> VectorNode:
+    """Return −2 ln of the likelihood of a sample for each force, but a constant: a position that is
+    a whole range beyond the logs is as unlikely as any force.
     """
-    return ca.fmin(square + MOST * beyond, MOST)
+    return ca.fmin(square + MOST * beyond, MOST) + spread
 
 
 def _every(flags: VectorNode) -> VectorNode:
