@@ -18,6 +18,7 @@ from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import USUAL, mechanics_function, usual_motion
 from distal.estimators.adaptive.guards import (
+    GOES_ON,
     SETTLED,
     SHIFTED,
     SHIFTED_FELT,
@@ -25,8 +26,6 @@ from distal.estimators.adaptive.guards import (
     chance_of_jump,
     is_far,
     jump_evidence,
-    moves_on,
-    returns,
 )
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
@@ -336,10 +335,11 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     bridged = is_bridge(mask)
     read = is_read(mask)
     judges: Scalar = is_read(force_mask) if judged else ca.SX(0)
-    # (2b) its last jump was wild, or a motion that the second reading continues
+    # (2b) the reading came back, since its last jump was wild, or it goes on, a motion that began
     raw = reading - expected
-    goes_on = ca.logic_and(doubt < dt, moves_on(shift, raw))
-    shift = ca.if_else(read * ca.logic_or(returns(shift, raw), goes_on), 0, shift)
+    comes_back = ca.fabs(raw) < ca.fabs(raw - shift)
+    goes_on = (doubt < dt) * ((raw - shift) * shift > GOES_ON * shift**2)
+    shift = ca.if_else(read * ca.logic_or(comes_back, goes_on), 0, shift)
     jump = raw - shift
     # (1) far: more than the recent motion can have led to
     lost_before = ca.if_else(shift != 0, 0, unknown)

@@ -281,25 +281,3 @@ GOES_ON = 0.25
 """Smallest step from one sample to the next of a drive that goes on after a jump, as a share of the
 jump [1]. Source: judgement.
 """
-
-
-def returns(shift: Scalar, raw: Scalar) -> Scalar:
-    """Return 1 where a reading is nearer to where the drive is expected without its last jump than
-    with the `shift` of that jump: the zero came back, or the reading before was wild, (2b).
-
-    Args:
-        shift: by which the sensor is off, if its last jump was none of the drive [m, rad].
-        raw: reading as it comes, less where the drive is expected without the jump [m, rad].
-    """
-    return ca.fabs(raw) < ca.fabs(raw - shift)
-
-
-def moves_on(shift: Scalar, raw: Scalar) -> Scalar:
-    """Return 1 where a reading goes on in the direction of the jump, which was a motion of the
-    drive then, (2b).
-
-    Args:
-        shift: as for `returns` [m, rad].
-        raw: as for `returns` [m, rad].
-    """
-    return (raw - shift) * shift > GOES_ON * shift**2
