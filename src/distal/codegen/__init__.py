@@ -5,9 +5,9 @@ CasADi's own generator copies each slice of a vector and keeps a slot per interm
 microcontroller that is most of the memory, and it has no vector lanes. docs/results/performance.md
 has the figures.
 
-From text to function, each module knows only those above it: ``number_types``, ``memory``,
-``workspace``, then ``writers``, each a function from an instruction to lines of C, and ``emitter``
-for all functions.
+In: CasADi functions and a dialect (double, float, vector lanes); out: lines of C. Each module knows
+only those before it: ``number_types``; ``writers``, each a function from an instruction to lines of
+C, with their memory; ``emitter`` for all functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
 ``emitter``.

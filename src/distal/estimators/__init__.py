@@ -1,4 +1,17 @@
-"""The estimators and their common base."""
+"""The estimators and their common base.
+
+In: a belief (mean, covariance, what is remembered) and samples; out: means, covariances and
+innovations. `adaptive` is a Kalman filter around the model with drives as inputs: m⁺ = m + K ν,
+P⁺ = P − K S Kᵀ (docs/reference/adaptive-equations.md); others are maps or geometry.
+
+    import distal
+    from distal.estimators import make_estimator
+
+    scenario = distal.load_scenario("template")
+    rig = distal.scenario_rig(scenario)
+    print(make_estimator("adaptive", rig).state_names)
+    print(distal.estimate(distal.simulate(rig, scenario, seed=1), rig, "elastic"))
+"""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.estimator_protocol import (

@@ -1,5 +1,17 @@
 """Kernels: the model's functions made fast. They are compiled as C once, or run in CasADi's
 interpreter.
+
+In: a CasADi function (kernel_state, x, p) → (kernel_state⁺, y); out: the same over all samples of a
+run, of one or of several side by side in vector lanes. Rigs of one structure share a kernel.
+
+    import casadi as ca
+    import numpy as np
+    from distal.kernels import Feed, Kernel, advance
+
+    state, x, p = (ca.SX.sym(name) for name in "sxp")
+    mean = Kernel(ca.Function("mean", [state, x, p], [state + p * (x - state), state]), False)
+    run = advance(mean, Feed(np.zeros(1), np.ones((5, 1)), np.array([0.5])))
+    print(run.kernel_states[-1])
 """
 
 from distal.kernels.compiler import (

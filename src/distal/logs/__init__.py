@@ -1,4 +1,16 @@
-"""Read, check and write logs, which are time series of sensor readings."""
+"""Read, check and write logs, which are time series of sensor readings.
+
+In: a file, a folder or a frame, and the rig that names its columns; out: a `Log` in SI, with what
+was left out said in warnings. Every reading passes one conversion, v = sign (raw · unit) − offset.
+
+    import distal
+
+    scenario = distal.load_scenario("template")
+    rig = distal.scenario_rig(scenario)
+    distal.write_log(distal.simulate(rig, scenario, seed=1), rig, "log.csv")
+    log = distal.read_log("log.csv", rig)
+    print(len(log), list(log.channels))
+"""
 
 from distal.logs.cells import Column, header, name_and_unit
 from distal.logs.formats import TABLES, check_format, file_of

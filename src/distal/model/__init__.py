@@ -1,5 +1,15 @@
 """The physics of a rig as CasADi expressions: forces by virtual work, exact friction, stops, and
 the time step. It is written once, for the simulation and the filters.
+
+In: a `Rig`; out: functions of coordinates q (joints, then drives), speeds and parameters. A tendon
+with length ℓ(q) and tension T pushes its coordinates by −T ∂ℓ/∂q; friction is set-valued and solved
+with the speeds, not smoothed.
+
+    from distal.model import Mechanism
+    from distal.rig import load_rig
+
+    mechanism = Mechanism(load_rig("capstan-joint"))
+    print(mechanism.n_bodies, mechanism.parameters.names[:3])
 """
 
 from distal.model.chain import Slip, slipping, solver

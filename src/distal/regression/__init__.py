@@ -1,5 +1,17 @@
 """The map from what the readings show and remember to what is sought: features, posterior, and the
 kernel; and other regressions of several logs.
+
+In: features φ of readings, plays and lags, and targets y over several logs; out: y = φᵀ b with
+b ~ N(m, C), whose variance φᵀ C φ + σ² grows away from the logs (docs/explanation/map.md).
+
+    import numpy as np
+    from distal.regression import Shape, features_along
+    from distal.regression.features import empty_frame
+
+    shape = Shape(channels=1, angles=0, moving=(0,), radial=0)
+    time = np.arange(0.0, 1.0, 0.01)
+    frame = shape.flat(empty_frame(shape))
+    print(features_along(shape, frame, time, np.sin(time)[:, None])["features"].shape)
 """
 
 from distal.regression.features import (

@@ -195,10 +195,10 @@ def reporting_function(
     maps: Sequence[ReportedMap],
     positions: Sequence[int | None],
     variances: Sequence[int],
-    touched: Sequence[int] = (),
-    tracked: ca.Function | None = None,
-    judges: Sequence[JudgedJumps] = (),
-    evidence: Sequence[int] = (),
+    touched: Sequence[int],
+    tracked: ca.Function,
+    judges: Sequence[JudgedJumps],
+    evidence: Sequence[int],
 ) -> ca.Function:
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also reports
     some of its states with learned maps.
@@ -222,8 +222,10 @@ def reporting_function(
         touched: for each joint that may be touched, the index in the kernel state of the share that
             a touch has of it.
         tracked: function (kernel_state, p) → positions of drives as their sensors should read them,
-            and their variances beyond noise; and whether each channel is believed. None: they are
-            read as they come.
+            if their last jumps were none, and if they were real; the chance of that, the variances
+            beside it; whether each channel is believed; variances of joints by jumps.
+        judges: what forces say of jumps.
+        evidence: for each position the index in the kernel state of the evidence of its jump.
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
@@ -245,16 +247,13 @@ def reporting_function(
     readings = x[1 : 1 + width]
     elsewhere = x[1 : 1 + width]
     masks = x[1 + width :]
-    chance = ca.MX(0)
-    of_joints = ca.MX.zeros(len(variances))
-    if tracked is not None:
-        tracks, second, chance, variances_of_tracks, believed, of_joints = tracked(
-            following, p[:n_parameters]
-        )
-        readings[: tracks.numel()] = tracks
-        elsewhere[: tracks.numel()] = second
-        doubts[: tracks.numel()] = variances_of_tracks
-        masks *= believed
+    tracks, second, chance, variances_of_tracks, believed, of_joints = tracked(
+        following, p[:n_parameters]
+    )
+    readings[: tracks.numel()] = tracks
+    elsewhere[: tracks.numel()] = second
+    doubts[: tracks.numel()] = variances_of_tracks
+    masks *= believed
     # what the logs taught of the filter's errors holds neither in a touch nor after a jump
     opened = reduce(ca.fmax, (following[at] for at in touched), 4 * chance * (1 - chance))
     for placed in maps:

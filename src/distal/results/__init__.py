@@ -1,4 +1,15 @@
-"""Results of an estimator on a log: angles, bands and innovations, and their plots."""
+"""Results of an estimator on a log: angles, bands and innovations, and their plots.
+
+In: means and covariances of an estimator; out: an `Estimate`, whose 95 % band is θ ± 1.96 σ.
+
+    import distal
+
+    scenario = distal.load_scenario("template")
+    rig = distal.scenario_rig(scenario)
+    result = distal.estimate(distal.simulate(rig, scenario, seed=1), rig)
+    print(result.summary())
+    result.plot("estimate.png")
+"""
 
 from distal.results.estimate import UNKNOWN, Estimate
 from distal.results.plots import (

@@ -1,4 +1,14 @@
-"""The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
+"""The description of a rig: joints, drives, tendons and sensors, read from TOML and checked.
+
+In: a TOML file, a shipped name, or a table of a hand; out: a frozen `Rig`, SI. A quantity has a
+value, a std and a drift; what several quantities share is `common`.
+
+    import distal
+
+    rig = distal.load_rig("capstan-joint")
+    stiffer = rig.with_values({"tendons.0.stiffness.value": 2e4})
+    print(rig.joint_names, stiffer.tendons[0].stiffness.value)
+"""
 
 from distal.rig.components import (
     Capstan,

@@ -1,5 +1,12 @@
 """Design studies: many designs of a rig, rigs as built of each design, and the share of these that
 meets a requirement.
+
+In: a study file with designs, tolerances and a requirement; out: a folder of rows, and an answer
+with its standard error, √(p (1 − p)/n). An interrupted study goes on where it stopped.
+
+    from distal.study import load_study
+
+    print(type(load_study("paper")).__name__)
 """
 
 from distal.study.design_space import (
