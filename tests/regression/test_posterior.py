@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.confidence import BAND
 from distal.fitting.learned_maps import Task, _share, density, learned_map
-from distal.regression import Prior, Samples, Shape, features_along, given
+from distal.regression import Prior, Samples, Shape, features_along, given, rates_of
 from distal.regression.posterior import Evidence, Weights, _noise, _variances
 from distal.rig import LearnedMap
 from tests.learned_maps import predict
@@ -315,3 +317,15 @@ def test_a_slip_that_lies_anywhere_in_an_interval_has_a_third_of_its_square() ->
     doubt = np.random.default_rng(0).uniform(0.0, 2.0, (len(log.target), len(slips)))
     beside = weights._variance_beside(replace(log, doubt=doubt)) - weights._variance_beside(log)
     np.testing.assert_allclose(beside, (doubt @ np.abs(slips)) ** 2 / 3)
+
+
+def test_the_fastest_motion_lasts_for_two_samples() -> None:
+    """A wild reading goes there and back in one; a step within one sample is none either."""
+    time = 0.01 * np.arange(50)
+    ramp = np.where(time < 0.25, 2.0 * time, 0.5)
+    wild = ramp.copy()
+    wild[10] += 3.0
+    expected = 2.0 / 0.5 / BAND
+    for values in (ramp, wild):
+        log: Any = SimpleNamespace(time=time, every=np.column_stack([values, -values]))
+        assert rates_of([log], np.array([0.5, 0.25])) == pytest.approx([expected, 2 * expected])
