@@ -18,6 +18,7 @@ from distal.estimators.adaptive import Robustness
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
+    branches,
     faded,
     track_function,
 )
@@ -214,6 +215,19 @@ def test_of_a_reading_after_one_that_stood_still_nothing_is_told_yet() -> None:
     assert found[17]["real"] > 0.9
     moving = tracked([0.0, 0.0, 3e-3, 3e-3 + 1e-5, 3e-3 + 2e-5], 0.005)
     assert moving[-1]["evidence"] < -10.0
+
+
+def test_of_a_position_that_is_missing_maps_know_by_its_age_alone() -> None:
+    """Only one that may be off has a variance beside both positions: where it stands still."""
+    at = {name: k for k, name in enumerate(REMEMBERED)}
+    memory = np.zeros(MEMORY)
+    memory[[at["real"], at["unknown"], at["lost"]]] = 1.0, 4.0, 2.0
+    missing = branches(ca.DM(memory))
+    assert (float(missing["variance"]), float(missing["believed"])) == (0.0, 0.0)
+    memory[[at["shift"], at["real"]]] = 1.0, 0.5
+    stands = branches(ca.DM(memory))
+    assert float(stands["variance"]) == pytest.approx(4.0 - 0.25)
+    assert float(stands["believed"]) == 1.0
 
 
 def test_where_logs_never_were_a_drive_did_not_jump() -> None:

@@ -123,6 +123,27 @@ class AdaptiveEstimate:
         return np.array(states[:, :1])
 
 
+def test_while_a_jump_is_in_doubt_the_filters_own_error_counts_whole(rig: Rig, log: Log) -> None:
+    """What the logs taught of it does not hold: the gain goes towards 1 by 4 p (1 − p), and the
+    variance has that of both positions.
+    """
+    filtered = AdaptiveFilter(rig, compiled=False)
+    values = np.column_stack([log.channels[name] for name in filtered.channels])
+    jumped = values.copy()
+    jumped[300, filtered.channels.index("motor_angle")] += 0.1
+    reports = []
+    for samples in (values, jumped):
+        belief = filtered.initial(log.time[0], samples[0])
+        _, ys = filtered.advanced(belief, log.time, samples)
+        reports.append((ys[:, filtered.report.gains], ys[:, filtered.report.variances]))
+    (gains, variances), (doubted, wider) = reports
+    np.testing.assert_array_equal(doubted[:300], gains[:300])
+    assert gains[300] < 0.9
+    assert doubted[300] > gains[300] + 0.2 * (1.0 - gains[300])
+    assert wider[300] > variances[300] + 0.01**2
+    np.testing.assert_allclose(doubted[301], gains[301])
+
+
 def test_a_sensor_that_is_lost_widens_the_band(rig: Rig, log: Log) -> None:
     gone = np.where((log.time > 1.0) & (log.time < 2.0), np.nan, log.channels["motor_torque"])
     lost = replace(log, channels={**log.channels, "motor_torque": gone})
