@@ -230,6 +230,20 @@ def test_of_a_position_that_is_missing_maps_know_by_its_age_alone() -> None:
     assert float(stands["believed"]) == 1.0
 
 
+def test_a_position_that_stands_still_and_is_off_is_somewhere_in_the_logs() -> None:
+    """Its variance grows as that of one that is missing, up to that of two places of the logs."""
+    step = track_function(CHAIN, judged=False)
+    now = np.zeros(MEMORY)
+    now[REMEMBERED.index("real")] = 1.0
+    for _ in range(400):
+        given = [8e-3, READ, 2.5e-11, 0.1, 0.1, 1e-8, 0.0, 1e-3, 1.0, *np.zeros(7)]
+        now = np.array(step(now, given, 0.005, faded(0.005))).ravel()[:MEMORY]
+    found = dict(zip(REMEMBERED, now))
+    assert found["lost"] > 1.0
+    assert found["real"] < 1e-6
+    assert found["unknown"] == pytest.approx(2 * 1e-3**2)
+
+
 def test_where_logs_never_were_a_drive_did_not_jump() -> None:
     """Its chance falls with the normal density beyond two stds of the logs' positions."""
     step = track_function(CHAIN, judged=False)

@@ -209,8 +209,8 @@ READING = Layout(
 )
 """Layout of what is read of each drive: its position [m, rad], the mask of that, the variance of
 the sensor's random error; the time without a reading after which the sensor may not come back [s],
-the growth of the std of the position after that time [m/s, rad/s], and its mean square speed in the
-logs that taught the rig, 0 where none did. Of its force: measured minus
+the growth of the std of the position after that time [m/s, rad/s], and its `usual_motion` in the
+logs that taught the rig. Of its force: measured minus
 expected at the position that the mean speed leads to, U − F, its mask, the stiffness ∂F/∂s with the
 joints held, the share of it that a jump shows (`FilterContext.jumps`), the pull F of a drive with
 one tendon, which can go slack, else 0; the variance of U − F where there was no jump (noise,
@@ -418,7 +418,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
 JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
 """Layout of what a position is judged by where no force judges it: the variance of its noise, the
 time without a value after which it may not come back [s], the growth of its std after that, and its
-usual mean square speed. Source: definition (layout of a vector).
+`usual_motion`. Source: definition (layout of a vector).
 """
 
 
@@ -438,7 +438,7 @@ def begun_alone(reading: Expression, is_there: Expression, unknown: float = 0.0)
 
 
 @dataclass(frozen=True)
-class Judged:
+class BothReadings:
     """The readings of a sample, if the last jumps of positions were none of the drives, and if they
     were real.
 
@@ -467,7 +467,7 @@ def judged_alone(
     readings: VectorNode,
     masks: VectorNode,
     positions: Sequence[tuple[int, VectorNode, Sequence[int]]],
-) -> Judged:
+) -> BothReadings:
     """Return a sample's readings where no force judges a position; see `track_function`.
 
     Args:
@@ -498,7 +498,7 @@ def judged_alone(
         chance = ca.fmax(chance, branch["chance"])
         masks[list(message)] *= branch["believed"]
         drives.append(drive)
-    return Judged(off, real, doubts, masks, chance, drives, lasting)
+    return BothReadings(off, real, doubts, masks, chance, drives, lasting)
 
 
 def either_variance(real: Expression, shift: Expression) -> Expression:

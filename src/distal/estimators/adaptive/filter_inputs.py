@@ -128,7 +128,8 @@ USUAL = ("usual_square", "usual_centre", "usual_scale", "felt")
 
 def usual_motion(rig: Rig, sensor: Sensor) -> tuple[float, ...]:
     """Return the mean square speed of a position in the logs that taught a rig [m²/s², rad²/s²],
-    its mean and its std there, 0 where none did.
+    its mean and its std there, and whether forces are compared with those at its positions; 0 where
+    no logs taught it.
     """
     maps = LearnedMaps() if rig.map is None else rig.map
     for learned in (*maps.filter, *maps.readings):
