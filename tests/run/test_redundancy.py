@@ -444,3 +444,11 @@ def test_single_wrong_positions_are_no_touch(ropes: Rig) -> None:
     )
     assert spoiled < 1.1 * right
     assert believed > 2.0 * right
+
+
+def test_of_an_untaught_rig_nothing_is_compared() -> None:
+    log = finger_log(11, 20.0)
+    redundancy = Redundancy.of(finger_rig().bare(), list(log.channels))
+    values = np.column_stack(list(log.channels.values()))
+    for part in redundancy.along(log.time, values, np.isfinite(values)):
+        assert part.shape == (len(values), 0)

@@ -223,7 +223,7 @@ class Redundancy:
             sample.off,
             sample.real,
             sample.masks,
-            ca.DM(np.concatenate([forces_parameters(judge.learned) for judge in judges])),
+            ca.DM(np.concatenate([NONE, *(forces_parameters(j.learned) for j in judges)])),
         )
         tracks = [
             with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
