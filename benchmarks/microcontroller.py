@@ -58,6 +58,8 @@ def float_errors() -> None:
     for shipped in shipped_scenarios():
         scenario = load_scenario(shipped)
         rig = scenario_rig(scenario)
+        if len(rig.joints) > 1:  # chains are in the table of rigs
+            continue
         logs = [simulate(rig, scenario, seed) for seed in range(SEEDS)]
         for name in ("adaptive", "ekf-2008", "ekf"):
             with tempfile.TemporaryDirectory() as made:
