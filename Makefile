@@ -153,6 +153,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent
 	$(BIN)/python -m benchmarks.wrong_inputs
+	$(BIN)/python -m benchmarks.bad_seconds
 	$(BIN)/python -m benchmarks.redundancy
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak

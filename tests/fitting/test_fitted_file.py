@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -225,7 +226,7 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A result is not lost for the comments of a file."""
-    monkeypatch.setattr("distal.fitting.fit._put_into", lambda *_: text)
+    monkeypatch.setattr(import_module("distal.fitting.fit"), "_put_into", lambda *_: text)
     candidate = next(c for c in found.candidates if c.parameters is not None)
     assert candidate.parameters is not None
     result = found.learned(candidate)

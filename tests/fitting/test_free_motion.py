@@ -149,7 +149,11 @@ def reported(
 ) -> Floats:
     """Return value, gain and variance of the joint as maps report it, after one sample."""
     placed = [ReportedMap(learned, (0, 1), (0,)) for learned in maps]
-    function = reporting_function(inner, placed, [None, None], [1], touched)
+    state_of, p = ca.MX.sym("state", 2), ca.MX.sym("p", 1)
+    none = ca.MX(0, 1)
+    as_read = [none, none, ca.MX(0), none, ca.MX.ones(2), ca.MX.zeros(1)]
+    tracked = ca.Function("tracked", [state_of, p], as_read)
+    function = reporting_function(inner, placed, [None, None], [1], touched, tracked, (), ())
     parameters = np.concatenate([[0.0], *map(map_parameters, maps)])
     start = [*state, *np.zeros(function.size1_in(0) - 2)]
     _, y = function(start, [0.05, 0.1, 0.02, READ, READ], parameters)

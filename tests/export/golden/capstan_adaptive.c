@@ -141,7 +141,7 @@ static void drive(const float* restrict a0, const float* restrict a1, const floa
   const float v30 = v29 - a0[6];
   const float v31 = v30 * a0[6];
   const float v32 = (float)(v25 < v31);
-  const float v33 = (float)(v22 != 0.0f && v32 != 0.0f);
+  const float v33 = v22 * v32;
   const float v34 = (float)(v33 == 0.0f);
   const float v35 = v19 * v34;
   const float v39 = larger(a0[3], a1[5]);

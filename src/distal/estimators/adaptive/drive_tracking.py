@@ -295,7 +295,7 @@ def _unlikely(position: Scalar, centre: Scalar, scale: Scalar) -> Scalar:
 
 
 def faded(dt: Expression) -> Expression:
-    """Return the share of a drive's mean speed that is left after an interval dt, e^{−dt/(2 T_v)};
+    """Return the share of a drive's mean speed that is left after an interval dt, e^{−dt/(2 T_m)};
     once for all drives, since exponential functions are slow on a microcontroller.
     """
     share: Expression = ca.exp(-dt / (2 * MOTION_TIME))
