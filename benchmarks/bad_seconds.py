@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.report import table
-from benchmarks.wrong_inputs import OFF, WIDE, sensors_of
+from benchmarks.wrong_inputs import WIDE, off_of, sensors_of, time_of
 from distal import (
     Rig,
     estimate,
@@ -31,7 +31,6 @@ from distal import (
 )
 from distal.confidence import BAND
 from distal.logs import true_angles, write_log
-from distal.rig import log_factor
 
 KINDS = ("none", "−1", "0", "3276.7", "frozen", "two sources", "jump")
 HALF, LONG = 0.5, 2.0
@@ -54,15 +53,13 @@ def logs_of(folders: list[Path], work: Path) -> Iterator[tuple[Rig, Path]]:
 def spoiled(given: pd.DataFrame, rig: Rig, kind: str) -> tuple[pd.DataFrame, slice]:
     """Return a table whose first position is wrong in a stretch of rows, and the stretch."""
     sensor = rig.sensors_of("position")[0]
-    time = given[rig.log.time.column].to_numpy() * {"s": 1.0, "ms": 1e-3}[rig.log.time.unit]
+    time = time_of(given, rig)
     middle = time[0] + 0.45 * (time[-1] - time[0])
     lasts = LONG if kind == "jump" else HALF
     rows = slice(*np.searchsorted(time, [middle, middle + lasts]))
     column = given.columns.get_loc(sensor.log_column)
     values = given.iloc[:, column].to_numpy(dtype=np.float64).copy()
-    drive = rig.drive(sensor.of)
-    lever = drive.radius.value if drive.kind == "capstan" else 1.0
-    off = OFF * rig.tendons_of(drive.name)[0].total_arm / lever / log_factor(sensor)
+    off = off_of(rig)
     if kind == "two sources":
         values[rows.start : rows.stop : 2] += off
     elif kind == "jump":

@@ -72,7 +72,7 @@ def sensors_of(rig: Rig, table: pd.DataFrame) -> list[str]:
     return [column for column in columns if column in table]
 
 
-def _off(rig: Rig) -> float:
+def off_of(rig: Rig) -> float:
     """Return the first position's logged number for a joint's turn by `OFF`."""
     sensor = rig.sensors_of("position")[0]
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
@@ -91,7 +91,7 @@ def _stuck(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFr
 
 def _repeated(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
     names = sensors_of(rig, table)
-    count = int(0.5 / np.median(np.diff(_time(table, rig))))
+    count = int(0.5 / np.median(np.diff(time_of(table, rig))))
     for first in rng.integers(len(table) // 5, len(table) - count, 3):
         table.loc[first : first + count, names] = table.loc[first, names].to_numpy()
     return table
@@ -106,7 +106,7 @@ def _zeros(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFr
 def _wild(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
     name = _positions(rig)[0]
     hit = rng.random(len(table)) < 0.01
-    table.loc[hit, name] += rng.choice([-3.0, 3.0], int(hit.sum())) * _off(rig)
+    table.loc[hit, name] += rng.choice([-3.0, 3.0], int(hit.sum())) * off_of(rig)
     return table
 
 
@@ -121,7 +121,7 @@ def _wrapped(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.Data
 
 
 def _offset(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
-    table[_positions(rig)[0]] += _off(rig)
+    table[_positions(rig)[0]] += off_of(rig)
     return table
 
 
@@ -145,7 +145,7 @@ def _swap(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFra
 def _two_sources(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
     name = _positions(rig)[0]
     table[name] = table[name].astype(float)
-    table.loc[::2, name] += _off(rig)
+    table.loc[::2, name] += off_of(rig)
     return table
 
 
@@ -156,13 +156,13 @@ def _unit(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFra
 
 
 def _slip(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
-    table.loc[len(table) // 2 :, _positions(rig)[0]] += 3 * _off(rig)
+    table.loc[len(table) // 2 :, _positions(rig)[0]] += 3 * off_of(rig)
     return table
 
 
 def _late(table: pd.DataFrame, rig: Rig, rng: np.random.Generator) -> pd.DataFrame:
     name = _positions(rig)[0]
-    count = int(0.2 / np.median(np.diff(_time(table, rig))))
+    count = int(0.2 / np.median(np.diff(time_of(table, rig))))
     table[name] = table[name].shift(count).bfill()
     return table
 
@@ -198,7 +198,7 @@ KINDS: dict[str, Change] = {
 }
 
 
-def _time(table: pd.DataFrame, rig: Rig) -> np.ndarray:
+def time_of(table: pd.DataFrame, rig: Rig) -> np.ndarray:
     factor = {"s": 1.0, "ms": 1e-3, "us": 1e-6}[rig.log.time.unit]
     return table[rig.log.time.column].to_numpy() * factor
 
