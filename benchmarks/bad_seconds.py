@@ -4,7 +4,7 @@
 `free_*.csv` in the middle: it reads −1, 0 or the end of a register, stays the same, comes from two
 sources in turn, or jumps for 2 s. Each log goes through `read_log`, `estimate` and the words of
 `log_health`, with the folder's rig, which was learned from other logs. Without a folder it takes
-shipped scenarios.
+shipped scenarios, whose rigs no log taught; where a log ends sooner than 3 s later, NaN is printed.
 """
 
 from __future__ import annotations
