@@ -34,8 +34,8 @@ ESTIMATORS = "src/distal/estimators"
 MODULES = {
     "filter": (
         f"{ESTIMATORS}/adaptive/**/*.py",
-        f"{ESTIMATORS}/kalman.py",
-        f"{ESTIMATORS}/channels.py",
+        f"{ESTIMATORS}/kinematic.py",
+        f"{ESTIMATORS}/estimator_protocol.py",
         "src/distal/run/offline.py",
     ),
     "learning": tuple(
