@@ -18,7 +18,7 @@ from distal.kernels.layout import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function
 from distal.rig import LearnedMap, LeftOut
 from distal.run import JointContact, Monitor
-from distal.run.health import watch_of
+from distal.run.health import Watch
 from tests.learned_maps import drawn_map
 from tests.support.hands_plants import bowden_log, bowden_rig
 from tests.support.pushed_finger import finger, finger_rig
@@ -114,7 +114,7 @@ def test_numbers_of_a_fitted_rig_may_stray(rig: Rig) -> None:
     taught = wrong.with_map(efforts=rig.map.efforts)  # type: ignore[union-attr]
     said = list[bool]()
     for described in (wrong.bare(), taught):
-        said.append(bool(watch_of(LiveEstimator(described).estimator).watched))
+        said.append(bool(Watch.of(LiveEstimator(described).estimator).watched))
         findings = diagnose(estimate(log, described), log, described, what_if=False).findings
         said.append(any(finding.kind == "left its prior" for finding in findings))
     assert said == [True, True, False, False]

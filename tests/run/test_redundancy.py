@@ -28,7 +28,7 @@ from distal.regression import (
 )
 from distal.regression.features import Shape
 from distal.run import JointContact
-from distal.run.health import Health, begun, watch_of
+from distal.run.health import Health, Watch
 from distal.run.redundancy import (
     AVERAGED,
     KEPT,
@@ -97,7 +97,7 @@ def test_of_what_logs_taught_the_end_of_a_range_is_no_news(rig: Rig) -> None:
     """They say where a position may be; without them a motor beyond its range has slipped."""
     with_stops = rig.with_values({"joints.finger.stops": ["-5 deg", "100 deg"]})
     taught, bare = (
-        watch_of(LiveEstimator(described).estimator)
+        Watch.of(LiveEstimator(described).estimator)
         for described in (with_stops, with_stops.bare())
     )
     assert taught.ends == ()
@@ -137,7 +137,7 @@ def test_wrong_readings_are_not(rig: Rig) -> None:
 def test_of_what_logs_taught_a_touch_is_what_its_forces_say(rig: Rig) -> None:
     """The filter's own touches are said only of a rig that no log taught."""
     for described, is_said in ((rig, 0.0), (rig.bare(), 1.0)):
-        watch = watch_of(LiveEstimator(described).estimator)
+        watch = Watch.of(LiveEstimator(described).estimator)
         sample = np.zeros(watch.sample.size)
         values = [
             finger_log(11, 20.0).channels[name][0] for name in ("motor_angle", "motor_torque")
@@ -145,7 +145,7 @@ def test_of_what_logs_taught_a_touch_is_what_its_forces_say(rig: Rig) -> None:
         for name, value in (("first", 1.0), ("values", values), ("mask", 1.0), ("variances", 1.0)):
             sample[watch.sample[name]] = value
         sample[watch.sample["touched"]] = 1.0
-        _, findings = watch.function(begun(watch), sample)
+        _, findings = watch.function()(watch.begun(), sample)
         assert float(findings[watch.findings["touched"]]) == is_said
 
 
@@ -206,7 +206,7 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     [learned] = rig.map.efforts  # type: ignore[union-attr]
     live = LiveEstimator(rig)
     monitor = Monitor(live)
-    watch = watch_of(live.estimator)
+    watch = Watch.of(live.estimator)
     samples = np.column_stack([log.channels[name] for name in monitor.channels])
     count = 1000
     for time, sample in zip(log.time[:count], samples):

@@ -36,7 +36,7 @@ from distal.inverse.live_inverse import LiveModel, live_parameters
 from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING, shown
 from distal.rig import Rig, Sensor, angle_names, std_name
-from distal.run.health import HEALTH, LIMITS, Health, begun, watch_of
+from distal.run.health import HEALTH, LIMITS, Health, Watch
 
 DOUBLE = Plain()
 """The number type of C that most of the texts are in."""
@@ -233,12 +233,12 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         name: prefix of the C names.
         emitter: writer of C functions, to which the health's function is added.
     """
-    watch = watch_of(estimator)
+    watch = Watch.of(estimator)
     values: dict[str, object] = {
         "name": name,
         "real": emitter.dialect.type,
-        "check": emitter.add(watch.function),
-        "begun": begun(watch),
+        "check": emitter.add(watch.function()),
+        "begun": watch.begun(),
         "n_sample": watch.sample.size,
         "n_findings": watch.findings.size,
         "n": len(estimator.state_names),

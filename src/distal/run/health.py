@@ -11,12 +11,12 @@ bridged, and one word says so.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
+from itertools import compress
 from math import degrees, inf, isfinite, isnan, nan, sqrt
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -30,9 +30,19 @@ from distal.expressions import Scalar, Vector
 from distal.kernels import Evaluation, Layout
 from distal.logs import LARGEST_READING, Log, Remark
 from distal.logs.stamps import REWOUND
-from distal.regression import INDEPENDENT, MOST
-from distal.rig import FAR, RangeEnd, Rig, Role, measurand_of, position_range, range_ends, step_of
-from distal.run.live_estimator import LATEST, JointContact, LiveEstimator, Remembered, only
+from distal.regression import MOST
+from distal.rig import (
+    FAR,
+    RangeEnd,
+    Rig,
+    Role,
+    Sensor,
+    measurand_of,
+    position_range,
+    range_ends,
+    step_of,
+)
+from distal.run.live_estimator import LATEST, JointAngles, JointContact, LiveEstimator, Remembered
 from distal.run.offline import priors_of
 from distal.run.redundancy import Redundancy
 
@@ -120,232 +130,280 @@ class HealthLimits:
 LIMITS = HealthLimits()
 
 
-@dataclass(frozen=True)
-class Watch:
-    """The function that judges the samples of an estimator, and the layouts of its vectors.
-
-    Args:
-        memory: layout of what is remembered. For each channel: its last value, its age, and for how
-            long it has been the same. For each drive's position: the share of time beyond its
-            range. For each compared sensor: the mean ν²/S. The pace of the stamps. For each of the
-            `ends`, in the current visit: its furthest reading, and how far the joint was beyond it
-            [deg]. Then that of the `redundancy`.
-        sample: layout of the input: whether it is the first sample, dt, values and mask of the
-            channels, stds of the angles, innovations, their mask and their variances, the watched
-            states and their variances, and the largest probability that a joint is
-            touched.
-        findings: layout of the output: the code of the reported word, then 1 where a finding holds:
-            gap, hurried, nothing read, untested, unknown, touched by the filter; for each position
-            that predicts forces outside, for each part's forces unlike; for each
-            channel dead, stuck, missing; for each position wrong; for each compared sensor large;
-            for each watched state left. For each of the `ends` it is by how much the joint is
-            beyond it [deg].
-        placed: indices of the channels that are positions of drives.
-        ends: ends of the ranges of motors whose joints have stops.
-        watched: indices of the states that are parameters of the rig.
-        redundancy: what positions say of forces.
-        function: (memory, sample) → (memory⁺, findings).
-    """
-
-    memory: Layout
-    sample: Layout
-    findings: Layout
-    placed: tuple[int, ...]
-    ends: tuple[RangeEnd, ...]
-    watched: tuple[int, ...]
-    redundancy: Redundancy
-    function: ca.Function
-
-
-def begun(watch: Watch) -> Floats:
-    """Return the memory before the first sample: means are 1, no end was visited, all else is 0."""
-    memory = np.zeros(watch.memory.size)
-    memory[watch.memory["ratio"]] = 1.0
-    memory[watch.memory["furthest"]] = -NEVER
-    return memory
-
-
 def word_code(word: Health) -> int:
     """Return the position of a word in the order of `HEALTH`."""
     return list(HEALTH).index(word)
 
 
-def watch_of(estimator: KernelEstimator, limits: HealthLimits = LIMITS) -> Watch:
-    """Return the function that judges the samples of an estimator, with its layouts."""
-    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
-    chosen = [sensors[name] for name in estimator.channels]
-    interval = estimator.interval
-    no_prior = np.full(len(estimator.state_names), np.nan)
-    means, stds = (no_prior if prior is None else prior for prior in priors_of(estimator))
-    # of a fitted rig that lacks physics, numbers stray without end; its forces are tested instead
-    redundancy = Redundancy.of(estimator.rig, estimator.channels)
-    is_untaught = not redundancy.maps
-    tested = (stds > 0.0) & is_untaught
-    watched = tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
-    roles = [measurand_of(sensor).role for sensor in chosen]
-    placed = tuple(i for i, role in enumerate(roles) if role is Role.POSITION)
-    # of what logs taught, they say where it may be and how often it repeats itself
-    taught = redundancy.positions
-    ends = tuple(
-        end
-        for end in range_ends(estimator.rig, estimator.channels)
-        if estimator.channels[end.position] not in taught
-    )
-    n = len(chosen)
-    m = len(estimator.measured)
-    j = len(estimator.rig.joints)
-    k = len(watched)
-    p = len(placed)
-    parts = {
-        "last": n,
-        "age": n,
-        "same": n,
-        "outside": p,
-        "ratio": m,
-        "pace": 1,
-        "furthest": len(ends),
-        "found": len(ends),
-    }
-    memory = Layout(**parts)
-    sample = Layout(
-        first=1,
-        dt=1,
-        values=n,
-        mask=n,
-        stds=j,
-        innovations=m,
-        compared=m,
-        variances=m,
-        watched=k,
-        watched_variances=k,
-        touched=1,
-    )
-    findings = Layout(
-        code=1,
-        gap=1,
-        hurried=1,
-        nothing=1,
-        untested=1,
-        unknown=1,
-        touched=1,
-        outside=len(redundancy.positions),
-        unlike=len(redundancy.maps),
-        dead=n,
-        stuck=n,
-        missing=n,
-        wrong=p,
-        beyond=len(ends),
-        large=m,
-        left=k,
-    )
-    before = ca.SX.sym("memory", memory.size)
-    current = ca.SX.sym("sample", sample.size)
-    unlike = ca.SX.sym("unlike", len(redundancy.maps))
-    was = memory.parts(before)
-    came = sample.parts(current)
-    first = came["first"]
-    dt = came["dt"]
-    mask = came["mask"]
-    since = ca.if_else(ca.logic_and(dt > 0, dt < limits.longest_gap), dt, interval)
-    share = ca.fmin(since / limits.memory, 1)
-    # a sensor without a first value is missing from the beginning; a known angle, which homes,
-    # never is
-    overdue = _column(
-        [
-            NEVER if role is Role.REFERENCE else limits.overdue / s.rate
-            for s, role in zip(chosen, roles)
+Judgement: TypeAlias = tuple[dict[str, Vector], dict[str, Vector]]
+"""What is remembered after a sample, and what was found, by the names of the layouts."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """The function that judges the samples of an estimator, and the layouts of its vectors. Each
+    part of it is a function of memory and sample by name.
+
+    Args:
+        estimator: whose samples they are.
+        limits: beyond which a word is said.
+        sensors: of its channels.
+        ends: ends of the ranges of motors whose joints have stops.
+        redundancy: what positions say of forces.
+    """
+
+    estimator: KernelEstimator
+    limits: HealthLimits
+    sensors: tuple[Sensor, ...]
+    ends: tuple[RangeEnd, ...]
+    redundancy: Redundancy
+
+    @classmethod
+    def of(cls, estimator: KernelEstimator, limits: HealthLimits = LIMITS) -> Watch:
+        """Return the watch over an estimator."""
+        rig = estimator.rig
+        by_name = {sensor.name: sensor for sensor in rig.sensors}
+        redundancy = Redundancy.of(rig, estimator.channels)
+        # of what logs taught, they say where it may be and how often it repeats itself
+        ends = tuple(
+            end
+            for end in range_ends(rig, estimator.channels)
+            if estimator.channels[end.position] not in redundancy.positions
+        )
+        sensors = tuple(by_name[name] for name in estimator.channels)
+        return cls(estimator, limits, sensors, ends, redundancy)
+
+    @cached_property
+    def _roles(self) -> list[Role]:
+        return [measurand_of(sensor).role for sensor in self.sensors]
+
+    @property
+    def placed(self) -> tuple[int, ...]:
+        """Indices of the channels that are positions of drives."""
+        return tuple(i for i, role in enumerate(self._roles) if role is Role.POSITION)
+
+    @property
+    def _is_untaught(self) -> bool:
+        """Whether no log said what is normal: innovations may be too large, but never right."""
+        return not self.redundancy.maps
+
+    @cached_property
+    def _priors(self) -> tuple[Floats, Floats]:
+        """Means and stds of the priors of all states, NaN where one has none."""
+        none = np.full(len(self.estimator.state_names), np.nan)
+        means, stds = (none if prior is None else prior for prior in priors_of(self.estimator))
+        return means, stds
+
+    @cached_property
+    def watched(self) -> tuple[int, ...]:
+        """Indices of the states that are parameters of the rig. Those of a fitted rig that lacks
+        physics stray without end; its forces are tested instead.
+        """
+        means, stds = self._priors
+        tested = (stds > 0.0) & self._is_untaught
+        return tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
+
+    @cached_property
+    def memory(self) -> Layout:
+        """Layout of what is remembered. For each channel: its last value, its age, and for how long
+        it has been the same. For each drive's position: the share of time beyond its range. For
+        each compared sensor: the mean ν²/S. The pace of the stamps. For each of the `ends`, in the
+        current visit: its furthest reading, and how far the joint was beyond it [deg]. Then that of
+        the `redundancy`.
+        """
+        n = len(self.sensors)
+        return Layout(
+            last=n,
+            age=n,
+            same=n,
+            outside=len(self.placed),
+            ratio=len(self.estimator.measured),
+            pace=1,
+            furthest=len(self.ends),
+            found=len(self.ends),
+            learned=self.redundancy.memory,
+        )
+
+    @cached_property
+    def sample(self) -> Layout:
+        """Layout of the input: whether it is the first sample, dt, values and mask of the channels,
+        stds of the angles, innovations, their mask and their variances, the watched states and
+        their variances, and the largest probability that a joint is touched.
+        """
+        n = len(self.sensors)
+        m = len(self.estimator.measured)
+        return Layout(
+            first=1,
+            dt=1,
+            values=n,
+            mask=n,
+            stds=len(self.estimator.rig.joints),
+            innovations=m,
+            compared=m,
+            variances=m,
+            watched=len(self.watched),
+            watched_variances=len(self.watched),
+            touched=1,
+        )
+
+    @cached_property
+    def findings(self) -> Layout:
+        """Layout of the output: the code of the reported word, then 1 where a finding holds: gap,
+        hurried, nothing read, untested, unknown, touched by the filter; for each position that
+        predicts forces outside, for each part's forces unlike; for each channel dead, stuck,
+        missing; for each position wrong; for each compared sensor large; for each watched state
+        left. For each of the `ends` it is by how much the joint is beyond it [deg].
+        """
+        n = len(self.sensors)
+        flags = dict.fromkeys(("gap", "hurried", "nothing", "untested", "unknown", "touched"), 1)
+        return Layout(
+            code=1,
+            **flags,
+            outside=len(self.redundancy.positions),
+            unlike=len(self.redundancy.maps),
+            dead=n,
+            stuck=n,
+            missing=n,
+            wrong=len(self.placed),
+            beyond=len(self.ends),
+            large=len(self.estimator.measured),
+            left=len(self.watched),
+        )
+
+    def begun(self) -> Floats:
+        """Return the memory before the first sample: means are 1, no end was visited, all else is
+        0.
+        """
+        memory = np.zeros(self.memory.size)
+        memory[self.memory["ratio"]] = 1.0
+        memory[self.memory["furthest"]] = -NEVER
+        return memory
+
+    def function(self) -> ca.Function:
+        """Return the function (memory, sample) → (memory⁺, findings)."""
+        own = self.memory.size - self.redundancy.memory
+        before = ca.SX.sym("memory", own)
+        current = ca.SX.sym("sample", self.sample.size)
+        unlike = ca.SX.sym("unlike", len(self.redundancy.maps))
+        was = self.memory.parts(ca.vertcat(before, ca.SX.zeros(self.redundancy.memory)))
+        came = self.sample.parts(current)
+        remembered: dict[str, Vector] = {"learned": ca.SX(0, 1)}
+        flags: dict[str, Vector] = {"unlike": unlike}
+        for part in (self.silent, self.misplaced, self.contradicting, self.paced, self.ended):
+            after, found = part(was, came)
+            remembered |= after
+            flags |= found
+        words = {name: word for name, word in WORDS.items() if name != "beyond" or self.ends}
+        code = reduce(
+            ca.fmax, (word_code(word) * _any(flags[name]) for name, word in words.items())
+        )
+        outputs = [
+            ca.vertcat(*(remembered[name] for name in self.memory.names)),
+            self.findings.joined(code=code, **flags | {"beyond": remembered["found"]}),
         ]
-    )
-    silence = _column(
-        [NEVER if role is Role.REFERENCE else dead_after(s) for s, role in zip(chosen, roles)]
-    )
-    age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
-    moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
-    same = ca.if_else(moved, 0, was["same"] + dt)
-    # a sensor with noise does not say the same twice for long
-    noisy = _column(
-        [
-            s.noise > step_of(s) and role is not Role.REFERENCE and s.name not in taught
-            for s, role in zip(chosen, roles)
+        inputs = [before, current, *([unlike] if self.redundancy.maps else [])]
+        judged = ca.Function("judged", inputs, ca.cse(outputs))
+        return self.redundancy.around(judged, self.sample)
+
+    def _share(self, dt: Scalar) -> Scalar:
+        """Return the share with which a sample counts in a mean."""
+        known = ca.logic_and(dt > 0, dt < self.limits.longest_gap)
+        since = ca.if_else(known, dt, self.estimator.interval)
+        return ca.fmin(since / self.limits.memory, 1)
+
+    def silent(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+        """Return which sensors are missing, dead or stuck."""
+        first, dt, mask = (came[name] for name in ("first", "dt", "mask"))
+        # a sensor without a first value is missing from the beginning; a known angle, which homes,
+        # never is
+        is_read = [role is not Role.REFERENCE for role in self._roles]
+        pairs = list(zip(self.sensors, is_read))
+        overdue = _column(
+            [self.limits.overdue / sensor.rate if is_read else NEVER for sensor, is_read in pairs]
+        )
+        silence = _column([dead_after(sensor) if is_read else NEVER for sensor, is_read in pairs])
+        age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
+        moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
+        same = ca.if_else(moved, 0, was["same"] + dt)
+        # a sensor with noise does not say the same twice for long
+        taught = self.redundancy.positions
+        noisy = _column([r and s.noise > step_of(s) and s.name not in taught for s, r in pairs])
+        dead = age >= silence - ROUNDING
+        last = ca.if_else(mask, came["values"], was["last"])
+        return {"last": last, "age": age, "same": same}, {
+            "nothing": ca.logic_not(_any(mask)),
+            "missing": ca.logic_and(age > overdue, ca.logic_not(dead)),
+            "dead": dead,
+            "stuck": noisy * mask * (same >= silence - ROUNDING),
+        }
+
+    def misplaced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+        """Return which positions are where drives cannot be, and where no log has been."""
+        rig = self.estimator.rig
+        at = list(self.placed)
+        ranges = [position_range(rig, self.sensors[i]) for i in at]
+        low, high = (_column([ends[side] for ends in ranges]) for side in (0, 1))
+        position = came["values"][at]
+        read = came["mask"][at]
+        is_outside = read * ca.logic_or(position < low, position > high)
+        outside = was["outside"] + self._share(came["dt"]) * (is_outside - was["outside"])
+        far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
+        return {"outside": outside}, {
+            "wrong": ca.logic_or(outside > 0.5, far),
+            "outside": self.redundancy.outside(came["values"], came["mask"]),
+        }
+
+    def contradicting(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+        """Return which innovations are too large, which numbers of the rig left their priors,
+        whether a joint is touched, and whether its angle is unknown.
+        """
+        limits = self.limits
+        # a touch is no disagreement, since the filter follows it
+        square = ca.fmin(came["innovations"] ** 2 / came["variances"], MOST)
+        is_touched = came["touched"] > TOUCHED
+        square = ca.if_else(is_touched, ca.fmin(square, 1), square)
+        change = self._share(came["dt"]) * (square - was["ratio"])
+        ratio = was["ratio"] + ca.if_else(came["compared"], change, 0)
+        prior, std = (_column(numbers[list(self.watched)]) for numbers in self._priors)
+        away = ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0))
+        is_unknown = _any(came["stds"] > limits.unknown)
+        return {"ratio": ratio}, {
+            "untested": ca.SX(self._is_untaught),
+            "unknown": ca.logic_and(ca.logic_not(came["first"]), is_unknown),
+            "touched": is_touched * self._is_untaught,
+            "large": (ratio > limits.large) * self._is_untaught,
+            "left": away > LARGE_PRIOR * std,
+        }
+
+    def paced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+        """Return whether samples are missing before this one, or come too fast. Stamps of another
+        rate than the rig's are no gaps; before the first interval the pace is 0.
+        """
+        limits = self.limits
+        interval = self.estimator.interval
+        first, dt = came["first"], came["dt"]
+        usual = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
+        change = ca.fmin(dt / interval, 2 * usual) - usual
+        share = ca.fmin(ca.fmax(dt, interval) / limits.memory, 1)
+        pace = ca.if_else(first, was["pace"], usual + share * change)
+        late = dt > limits.waiting * interval * ca.fmax(usual, 1)
+        return {"pace": pace}, {
+            "gap": ca.logic_and(ca.logic_not(first), late),
+            "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
+        }
+
+    def ended(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+        """Return by how much joints are beyond the ends of their ranges."""
+        visits = [
+            _at_end(
+                end, was["furthest"][k], was["found"][k], came["values"], came["mask"], self.limits
+            )
+            for k, end in enumerate(self.ends)
         ]
-    )
-    dead = age >= silence - ROUNDING
-    stuck = noisy * mask * (same >= silence - ROUNDING)
-    missing = ca.logic_and(age > overdue, ca.logic_not(dead))
-    low, high = (
-        _column([position_range(estimator.rig, chosen[i])[end] for i in placed]) for end in (0, 1)
-    )
-    position = came["values"][list(placed)]
-    read = mask[list(placed)]
-    outside = was["outside"] + share * (
-        read * ca.logic_or(position < low, position > high) - was["outside"]
-    )
-    far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
-    wrong = ca.logic_or(outside > 0.5, far)
-    # a touch is no disagreement, since the filter follows it
-    square = ca.fmin(came["innovations"] ** 2 / came["variances"], MOST)
-    is_touched = came["touched"] > TOUCHED
-    square = ca.if_else(is_touched, ca.fmin(square, 1), square)
-    ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
-    beyond_logs = redundancy.outside(came["values"], mask)
-    prior = _column(means[list(watched)])
-    allowed = LARGE_PRIOR * _column(stds[list(watched)])
-    left = (
-        ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0)) > allowed
-    )
-    # stamps of another rate than the rig's are no gaps; before the first interval the pace is 0
-    usual_pace = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
-    change = ca.fmin(dt / interval, 2 * usual_pace) - usual_pace
-    pace = ca.if_else(
-        first, was["pace"], usual_pace + ca.fmin(ca.fmax(dt, interval) / limits.memory, 1) * change
-    )
-    flags: dict[str, Vector] = {
-        "gap": ca.logic_and(
-            ca.logic_not(first), dt > limits.waiting * interval * ca.fmax(usual_pace, 1)
-        ),
-        "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
-        "nothing": ca.logic_not(_any(mask)),
-        # where no log said what is normal, innovations may be too large, but never right
-        "untested": ca.SX(is_untaught),
-        "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > limits.unknown)),
-    }
-    flags |= {
-        "touched": is_touched * is_untaught,
-        "outside": beyond_logs,
-        "unlike": unlike,
-        "dead": dead,
-        "stuck": stuck,
-        "missing": missing,
-        "wrong": wrong,
-        "large": (ratio > limits.large) * is_untaught,
-        "left": left,
-    }
-    visits = [
-        _at_end(end, was["furthest"][k], was["found"][k], came["values"], mask, limits)
-        for k, end in enumerate(ends)
-    ]
-    furthest, sizes = (
-        ca.vertcat(ca.SX(0, 1), *(visit[part] for visit in visits)) for part in (0, 1)
-    )
-    flags["beyond"] = sizes > 0
-    said = {name: word for name, word in WORDS.items() if name != "beyond" or ends}
-    code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in said.items()))
-    last = ca.if_else(mask, came["values"], was["last"])
-    remembered = memory.joined(
-        last=last,
-        age=age,
-        same=same,
-        outside=outside,
-        ratio=ratio,
-        pace=pace,
-        furthest=furthest,
-        found=sizes,
-    )
-    outputs = [remembered, findings.joined(code=code, **flags | {"beyond": sizes})]
-    inputs = [before, current, *([unlike] if redundancy.maps else [])]
-    function = redundancy.around(ca.Function("judged", inputs, ca.cse(outputs)), sample)
-    memory = Layout(**parts, learned=redundancy.memory)
-    return Watch(memory, sample, findings, placed, ends, watched, redundancy, function)
+        furthest, sizes = (
+            ca.vertcat(ca.SX(0, 1), *(visit[part] for visit in visits)) for part in (0, 1)
+        )
+        return {"furthest": furthest, "found": sizes}, {"beyond": sizes > 0}
 
 
 def _at_end(
@@ -369,9 +427,8 @@ def _at_end(
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])
     found = ca.if_else(ca.logic_and(further, over > degrees(end.room)), ca.fmax(found, over), found)
     left = ca.logic_and(read, before < -limits.away)
-    return ca.if_else(left, -NEVER, ca.if_else(further, reading, furthest)), ca.if_else(
-        left, 0, found
-    )
+    furthest = ca.if_else(further, reading, furthest)
+    return ca.if_else(left, -NEVER, furthest), ca.if_else(left, 0, found)
 
 
 WORDS: dict[str, Health] = {
@@ -417,7 +474,7 @@ UNUSABLE = frozenset({"bad", "dead"})
 
 
 @dataclass(frozen=True)
-class Reading:
+class Reading(JointAngles):
     """The estimate at one sample of a stream, and its health.
 
     Args:
@@ -445,24 +502,6 @@ class Reading:
     doubted: tuple[str, ...] = ()
 
     @property
-    def angle(self) -> float:
-        """Angle of the joint [rad].
-
-        Raises:
-            EstimationError: there are several joints.
-        """
-        return only(self.angles, "angle")
-
-    @property
-    def angle_std(self) -> float:
-        """Standard deviation of the error of the joint's angle [rad].
-
-        Raises:
-            EstimationError: there are several joints.
-        """
-        return only(self.angle_stds, "angle_std")
-
-    @property
     def unusable(self) -> str:
         """Why a controller must not use this reading; empty where all angles are known well."""
         if isnan(self.angles[0]):
@@ -481,16 +520,16 @@ class Monitor:
     def __init__(self, live: LiveEstimator, limits: HealthLimits = LIMITS) -> None:
         self._live = live
         self._limits = limits
-        self._watch = watch = watch_of(live.estimator, limits)
+        self._watch = watch = Watch.of(live.estimator, limits)
         self._drive_of = list(_drives_of_findings(watch, live))
-        self._check = Evaluation(watch.function)
+        self._check = Evaluation(watch.function())
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
         self._reach = np.array([joint.travel for joint in live.rig.joints]).T
         self._begin()
 
     def _begin(self) -> None:
-        self._memory = begun(self._watch)
+        self._memory = self._watch.begun()
         self._findings = np.zeros(self._watch.findings.size)
         self._late = 0
         self._last_late = -inf
@@ -515,8 +554,8 @@ class Monitor:
         return _with_memory, (self._live, self._limits, self._remembered())
 
     def _remembered(self) -> dict[str, object]:
-        names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_time")
-        return {"_memory": self._memory.copy()} | {name: getattr(self, name) for name in names}
+        names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_memory", "_time")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def rig(self) -> Rig:
@@ -566,7 +605,8 @@ class Monitor:
         wild = np.abs(sample) > LARGEST_READING
         if wild.any():
             sample = np.where(wild, nan, sample)
-            problems.append(("missing", f"{self._names(wild)} wild"))
+            names = compress(live.channels, wild)
+            problems.append(("missing", f"{', '.join(names)} wild"))
         gap = time - self._time
         if isfinite(gap):
             skipped = self._late_or_twice(time)
@@ -599,20 +639,19 @@ class Monitor:
         health, detail = max(
             problems, key=lambda problem: word_code(problem[0]), default=("ok", "")
         )
-        torques = live.external_torques.tolist()
-        torque_stds = live.external_torque_stds.tolist()
-        angles = live.angles.tolist()
-        stds = live.angle_stds.tolist()
+        estimated = (
+            tuple(values.tolist())
+            for values in (
+                live.angles,
+                live.angle_stds,
+                live.external_torques,
+                live.external_torque_stds,
+            )
+        )
+        angles, stds, torques, torque_stds = estimated
+        contacts = self._contacts(problems)
         return Reading(
-            time,
-            tuple(angles),
-            tuple(stds),
-            health,
-            detail,
-            tuple(torques),
-            tuple(torque_stds),
-            self._contacts(problems),
-            self._doubted(),
+            time, angles, stds, health, detail, torques, torque_stds, contacts, self._doubted()
         )
 
     def _keep(self, time: float, sample: Floats) -> None:
@@ -654,42 +693,13 @@ class Monitor:
         came["first"][:] = self._fresh
         came["dt"][:] = dt
         self._memory, findings = self._check(self._memory, self._sample)
-        self._findings = findings.copy()
+        self._findings = findings
         self._fresh = False
         if findings[0] == 0:
             return []
         flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
         details = self._details(flags, dt)
-        details["beyond"] = ", ".join(
-            f"{end.motor} goes {size:.1f}° beyond its joint's range: its spool slipped, or a "
-            "tendon loosened or broke"
-            for end, size in zip(watch.ends, findings[watch.findings["beyond"]])
-            if size > 0.0
-        )
         return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
-
-    def _jumped(self) -> str:
-        """Return the position that jumped last and may be off, in words; empty where none is."""
-        redundancy = self._watch.redundancy
-        learned = self._memory[self._watch.memory["learned"]]
-        shifts, times = (redundancy.remembered(learned, name) for name in ("shift", "doubt"))
-        jumped = [(times[name], name) for name, shift in shifts.items() if shift]
-        return "" if not jumped else "{1} jumped {0:.2g} s ago".format(*min(jumped))
-
-    def _likely_cause(self) -> str:
-        """Return what forces that are not those of free motion most likely come of, in words."""
-        learned = self._memory[self._watch.memory["learned"]]
-        repeats = self._watch.redundancy.remembered(learned, "repeats")
-        interval = self._live.interval
-        same = [name for name, count in repeats.items() if count * interval > INDEPENDENT]
-        stuck = f"{', '.join(same)} does not change: is it stuck"
-        causes = [
-            *self._watch.redundancy.supposed(learned),
-            self._jumped(),
-            stuck if 0 < len(same) < len(repeats) else "",
-            "something touches, or a sensor is wrong",
-        ]
-        return next(filter(None, causes))
 
     def _doubted(self) -> tuple[str, ...]:
         """Return the drives that the findings of the last sample are about."""
@@ -701,37 +711,47 @@ class Monitor:
         live = self._live
         watch = self._watch
         interval = self._live.interval
-        age, ratio = (self._memory[watch.memory[name]] for name in ("age", "ratio"))
-        positions = [
-            live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong
-        ]
-        dead = f"{self._names(flags['dead'])} for {age.max():.3g} s" if flags["dead"].any() else ""
-        stuck = f"{self._names(flags['stuck'])} does not change"
+        redundancy = watch.redundancy
+        age, ratio, learned = (
+            self._memory[watch.memory[name]] for name in ("age", "ratio", "learned")
+        )
+        jumped = redundancy.jumped(learned)
         large = (
             f"{live.measured[i]} {sqrt(ratio[i]):.1f}x" for i in np.flatnonzero(flags["large"])
         )
 
         def named(finding: str, names: Sequence[str]) -> str:
-            return ", ".join(name for name, holds in zip(names, flags[finding]) if holds)
+            return ", ".join(compress(names, flags[finding]))
 
-        left = (live.state_names[i] for i, is_left in zip(watch.watched, flags["left"]) if is_left)
+        positions = named("wrong", [live.channels[i] for i in watch.placed])
+        dead = (
+            f"{named('dead', live.channels)} for {age.max():.3g} s" if flags["dead"].any() else ""
+        )
+        stuck = f"{named('stuck', live.channels)} does not change"
+        beyond = (
+            f"{end.motor} goes {size:.1f}° beyond its joint's range: its spool slipped, or a "
+            "tendon loosened or broke"
+            for end, size in zip(watch.ends, self._findings[watch.findings["beyond"]])
+            if size > 0.0
+        )
+        left = named("left", [live.state_names[i] for i in watch.watched])
         return {
             "untested": "no log has said what is normal"
             if live.measured
             else "no sensor is compared",
-            "missing": self._names(flags["missing"]),
+            "missing": named("missing", live.channels),
             "nothing": "all sensors",
-            "outside": f"{named('outside', watch.redundancy.positions)} is where no log has been"
-            + (f"; {self._jumped()}" if self._jumped() else ""),
+            "outside": f"{named('outside', redundancy.positions)} is where no log has been"
+            + (f"; {jumped}" if jumped else ""),
             "touched": "something touches a joint",
-            "unlike": f"not as in free motion: {named('unlike', watch.redundancy.parts)}; "
-            f"{self._likely_cause()}",
+            "unlike": f"not as in free motion: {named('unlike', redundancy.parts)}; "
+            f"{redundancy.likely_cause(learned, interval)}",
             "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
             "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
-            "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "
-            "zero or side?",
+            "wrong": f"{positions} is where its drive cannot be: wrong unit, zero or side?",
             "large": ", ".join(large),
-            "left": f"{', '.join(left)}: further from the rig's value than its std allows",
+            "beyond": ", ".join(beyond),
+            "left": f"{left}: further from the rig's value than its std allows",
             "unknown": "the angle is not known",
             "stuck": f"{dead}, {stuck}" if dead else stuck,
             "dead": dead,
@@ -768,13 +788,10 @@ class Monitor:
         self._live.reset(tuple(reached.tolist()) if has_angles else None, self._limits.anywhere)
         self._anew = why
         pace = self._watch.memory["pace"]
-        memory = begun(self._watch)
+        memory = self._watch.begun()
         memory[pace] = self._memory[pace]
         self._memory = memory
         self._fresh = True
-
-    def _names(self, chosen: Bools) -> str:
-        return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)
 
 
 def _drives_of_findings(watch: Watch, live: LiveEstimator) -> Iterator[tuple[int, str]]:
@@ -798,7 +815,7 @@ def _with_memory(
 ) -> Monitor:
     monitor = Monitor(live, limits)
     for name, value in remembered.items():
-        setattr(monitor, name, copy(value))
+        setattr(monitor, name, value)
     return monitor
 
 

@@ -57,21 +57,35 @@ class JointContact:
     since: float
 
 
-def only(values: Floats | Sequence[float], name: str) -> float:
-    """Return the value of the only joint.
+class JointAngles:
+    """What has `angles` of joints [rad] and their `angle_stds`, with those of the only joint."""
 
-    Args:
-        values: of all joints, (n_joints,).
-        name: what they are; that of several joints has an s.
+    @property
+    def angle(self) -> float:
+        """Angle of the joint [rad].
 
-    Raises:
-        EstimationError: there are several joints.
-    """
-    if len(values) != 1:
-        raise EstimationError(
-            f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
-        )
-    return float(values[0])
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only("angle")
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of the error of the joint's angle [rad].
+
+        Raises:
+            EstimationError: there are several joints.
+        """
+        return self._only("angle_std")
+
+    def _only(self, name: str) -> float:
+        """Return the value of the only joint, of what has a `name` with an s for all of them."""
+        values = getattr(self, f"{name}s")
+        if len(values) != 1:
+            raise EstimationError(
+                f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
+            )
+        return float(values[0])
 
 
 class Remembered(NamedTuple):
@@ -85,7 +99,7 @@ class Remembered(NamedTuple):
     samples: int
 
 
-class LiveEstimator:
+class LiveEstimator(JointAngles):
     """An estimator that takes one sample after the other, with the same values as `estimate` over
     the whole log.
 
@@ -359,24 +373,6 @@ class LiveEstimator:
     def samples(self) -> int:
         """Number of samples taken in since the beginning or the last `reset`."""
         return self._samples
-
-    @property
-    def angle(self) -> float:
-        """Angle of the joint [rad].
-
-        Raises:
-            EstimationError: there are several joints.
-        """
-        return only(self._joints, "angle")
-
-    @property
-    def angle_std(self) -> float:
-        """Standard deviation of the error of the joint's angle [rad].
-
-        Raises:
-            EstimationError: there are several joints.
-        """
-        return only(self.angle_stds, "angle_std")
 
     @property
     def angles(self) -> Floats:

@@ -155,7 +155,28 @@ class Redundancy:
             causes += [pair for pair in zip(evidence, words) if pair[0] > -np.log(PRIOR)]
         return [text for _, text in sorted(causes, reverse=True)]
 
-    def remembered(self, memory: Floats, name: str) -> dict[str, float]:
+    def jumped(self, memory: Floats) -> str:
+        """Return the position that jumped last and may be off, in words; empty where none is."""
+        shifts, times = (self._remembered(memory, name) for name in ("shift", "doubt"))
+        jumped = [(times[name], name) for name, shift in shifts.items() if shift]
+        return "" if not jumped else "{1} jumped {0:.2g} s ago".format(*min(jumped))
+
+    def likely_cause(self, memory: Floats, interval: float) -> str:
+        """Return what forces that are not those of free motion most likely come of, in words, for
+        samples that come at an `interval` [s].
+        """
+        repeats = self._remembered(memory, "repeats")
+        same = [name for name, count in repeats.items() if count * interval > INDEPENDENT]
+        stuck = f"{', '.join(same)} does not change: is it stuck"
+        causes = [
+            *self.supposed(memory),
+            self.jumped(memory),
+            stuck if 0 < len(same) < len(repeats) else "",
+            "something touches, or a sensor is wrong",
+        ]
+        return next(filter(None, causes))
+
+    def _remembered(self, memory: Floats, name: str) -> dict[str, float]:
         """Return position → what the `memory` holds of it under a `name` of `REMEMBERED`."""
         begin = len(memory) - MEMORY * len(self.judged) + REMEMBERED.index(name)
         positions = [self.channels[k] for k, *_ in self.judged]
