@@ -5,6 +5,9 @@ A source is what the text under a constant names, best as its last sentence, suc
 `Source: physics (what).` Without that, a page or a benchmark that chose it, a reference with its
 year, or rounding count.
 `judgement` says that a number was chosen by hand. `--without` prints those that name none.
+
+Defaults of a frozen dataclass are constants too: the class's text says where they come from, else
+they were chosen by hand. Numbers that stand inside functions are only counted.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "src" / "distal"
 NAMED = r"Source: (physics|definition|reference|benchmark|rounding|layout|judgement)\b"
+SAID = r"Source: .*"
 SOURCES = {
     "benchmark": r"docs/\w+|benchmarks?\b",
     "reference": r"\b(19|20)\d\d\b|Equation|\(\d+\w?\)",
@@ -27,7 +31,7 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class Constant:
-    """A number that a module names, with the text under it."""
+    """A number that a module or a class of settings names, with the text under it."""
 
     name: str
     module: str
@@ -64,11 +68,68 @@ def constants(package: Path = PACKAGE) -> Iterator[Constant]:
                     yield Constant(target.id, module, ast.unparse(statement.value), text)
 
 
+def settings(package: Path = PACKAGE) -> Iterator[Constant]:
+    """Yield the numbers that are defaults of frozen dataclasses, but for 0 and 1, in the order of
+    the files.
+    """
+    for path in sorted(package.rglob("*.py")):
+        module = path.relative_to(package).with_suffix("").as_posix()
+        for found in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(found, ast.ClassDef) or "dataclass" not in _decorators(found):
+                continue
+            # other numbers of a class's text are not where its defaults come from
+            of_class = "".join(re.findall(SAID, " ".join((ast.get_docstring(found) or "").split())))
+            for field, after in zip(found.body, [*found.body[1:], None]):
+                if not isinstance(field, ast.AnnAssign) or field.value is None:
+                    continue
+                if _is_number(field.value) and _numbers(field.value) - {0, 1}:
+                    name = f"{found.name}.{ast.unparse(field.target)}"
+                    text = _text(after) or of_class
+                    yield Constant(name, module, ast.unparse(field.value), text)
+
+
+def inside_functions(package: Path = PACKAGE) -> int:
+    """Return how many numbers stand inside functions, but for whole ones, a half, those that shift
+    digits and those that only keep rounding errors off.
+    """
+    count = 0
+    for path in sorted(package.rglob("*.py")):
+        functions = (
+            found
+            for found in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(found, ast.FunctionDef)
+        )
+        at = {
+            (part.lineno, part.col_offset)
+            for function in functions
+            for part in ast.walk(function)
+            if isinstance(part, ast.Constant)
+            and type(part.value) is float
+            and not part.value.is_integer()
+            and part.value not in (0.5, 1e-3)
+            and part.value > ROUNDING
+        }
+        count += len(at)
+    return count
+
+
+ROUNDING = 1e-5
+"""Number inside a function below which it only keeps rounding errors off."""
+
+
+def _decorators(found: ast.ClassDef) -> str:
+    return " ".join(ast.unparse(decorator) for decorator in found.decorator_list)
+
+
+def _numbers(value: ast.expr) -> set[float]:
+    """Return the numbers in an expression."""
+    parts = (part.value for part in ast.walk(value) if isinstance(part, ast.Constant))
+    return {number for number in parts if type(number) in (int, float)}
+
+
 def _is_number(value: ast.expr) -> bool:
-    parts = list(ast.walk(value))
-    numbers = [p for p in parts if isinstance(p, ast.Constant) and type(p.value) in (int, float)]
-    words = [p for p in parts if isinstance(p, ast.Constant) and isinstance(p.value, str)]
-    return bool(numbers) and not words
+    words = [p for p in ast.walk(value) if isinstance(p, ast.Constant) and isinstance(p.value, str)]
+    return bool(_numbers(value)) and not words
 
 
 def _text(statement: ast.stmt | None) -> str:
@@ -82,13 +143,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--without", action="store_true", help="only those without a source")
     arguments = parser.parse_args()
-    every = list(constants())
+    every = [*constants(), *settings()]
     without = [constant for constant in every if not constant.source]
     for constant in without if arguments.without else every:
         row = (constant.module, constant.name, constant.value, constant.unit, constant.source)
         print(" | ".join(row))
-    judged = sum(constant.source == "judgement" for constant in every)
-    print(f"{len(every)} constants, {len(without)} without a source, {judged} chosen by hand")
+    print(f"{len(every)} constants, {len(without)} without a source, {chosen()} chosen by hand")
+    print(f"{inside_functions()} numbers inside functions")
+
+
+def chosen() -> int:
+    """Return how many constants were chosen by hand: by judgement, or as a default without a
+    source.
+    """
+    judged = sum(constant.source == "judgement" for constant in constants())
+    return judged + sum(each.source in ("judgement", "") for each in settings())
 
 
 if __name__ == "__main__":

@@ -266,9 +266,9 @@ def test_what_moves_inside_is_stepped_along() -> None:
     assert np.sum(np.log(without.nis)) > np.sum(np.log(lacking)) + 0.5
 
 
-def test_a_newton_step_leaves_a_log_out() -> None:
-    """The numbers without a log, by one step, beside those that a whole search of the others finds:
-    a fifth of an error.
+def test_a_short_search_leaves_a_log_out() -> None:
+    """The parameters without a log, beside those that a whole search of the others finds: a fifth
+    of an error.
     """
     logs, found = ropes()
     (quick,) = (one for one in parameters_without(found, logs, [0, 1, 1])[:1])

@@ -9,7 +9,7 @@ tell (level-one data of stacking; Wolpert, Neural Networks 5, 1992).
 Everything that is learned from logs: `judge` makes all candidates and scores them on logs left
 out; `Fit.of` is what is written of one.
 
-A filter has parameters that the other logs tell (`jackknife`), a map weights of the other logs, and
+A filter has parameters that the other logs tell (`without`), a map weights of the other logs, and
 least squares are solved without the log.
 """
 
@@ -40,10 +40,9 @@ from distal.fitting.log_checks import unknown_joints
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     by_equations,
-    damped_step,
-    fitted_parameters,
     parameters_of,
     problem_of,
+    without,
 )
 from distal.logs import Log, shown, true_angles
 from distal.regression import (
@@ -223,31 +222,9 @@ def parameters_without(
 
     The `folds` are those of `logs`, the logs of known angle.
     """
-    if len(set(folds)) < 2 or not parameters.optimum.derivatives.of_logs:
+    if len(set(folds)) < 2 or parameters.optimum.interrupted:
         return [parameters] * len(set(folds))
     return [without(parameters, [logs[i] for i in out]) for out, _ in splits(folds)]
-
-
-def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
-    """Return the parameters that all logs but some tell, `logs`: one Newton step away, by the
-    slopes of each log, which are known (the infinitesimal jackknife; Giordano et al., AISTATS
-    2019). Which of them are fitted, and their stds, stay those of all logs.
-
-    What each log has anew is in a log that is left out as in the others in the mean.
-    """
-    problem = parameters.problem
-    optimum = parameters.optimum
-    out = [any(data.log is log for log in logs) for data in problem.data]
-    remaining = {j: of_log for j, of_log in enumerate(optimum.derivatives.of_logs) if not out[j]}
-    z = optimum.z
-    z = z + damped_step(problem, z, problem.summed(remaining, z), ~parameters.left)[0]
-    for k, (part, log) in enumerate(problem.parts):
-        if log is not None and out[log]:
-            alike = [i for i, (p, j) in enumerate(problem.parts) if p is part and j in remaining]
-            z[k] = np.mean(z[alike])
-    moved = replace(optimum, z=z)
-    fitted = fitted_parameters(problem, moved, parameters.covariance, parameters.left)
-    return replace(parameters, optimum=moved, fitted=tuple(fitted))
 
 
 AS_GIVEN = "the rig as given"
@@ -356,22 +333,28 @@ def filter_candidate(
 
     It takes the parameters as exactly known where it then errs far less.
     """
-    plain = _filtered(name, training, parameters, False)
-    if parameters is None or training.options.homing is not None:
+    if parameters is None:
+        return _filtered(name, training, None, (), False)
+    of_folds = parameters_without(parameters, training.logs, training.folds)
+    plain = _filtered(name, training, parameters, of_folds, False)
+    if training.options.homing is not None:
         return plain
-    surer = _filtered(name, training, parameters, True)
+    surer = _filtered(name, training, parameters, of_folds, True)
     errors = [mean_rms(way.data, None) for way in (surer, plain)]
     better = len(surer.data) == len(plain.data) and errors[0] < NAMED * errors[1]
     return surer if better else plain
 
 
 def _filtered(
-    name: str, training: Training, parameters: ParameterEstimates | None, hold: bool
+    name: str,
+    training: Training,
+    parameters: ParameterEstimates | None,
+    of_folds: Sequence[ParameterEstimates],
+    hold: bool,
 ) -> Candidate:
     rig = training.rig
     rigs = (training.rig,) * len(training.folds)
     if parameters is not None:
-        of_folds = parameters_without(parameters, training.logs, training.folds)
         fold_rigs = [of_fold.put_into(rig, hold) for of_fold in of_folds]
         rig = parameters.put_into(rig, hold)
         rigs = tuple(fold_rigs[fold] for fold in training.folds)

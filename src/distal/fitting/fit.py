@@ -61,13 +61,13 @@ from distal.fitting.log_checks import (
     touched_logs,
     without_lag,
 )
-from distal.fitting.objective import Problem
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     among_models,
     by_filter,
     far_from_priors,
     problem_of,
+    without,
 )
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing
@@ -699,24 +699,23 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
     logs = training.logs
     options = replace(training.options, noise=False)
 
-    def problem(logs: Sequence[Log], rig: Rig) -> Problem:
-        return replace(problem_of(logs, rig, options), open_loop=True)
-
-    parameters = by_filter(problem(logs, learned.model), None, progress)
+    problem = replace(problem_of(logs, learned.model, options), open_loop=True)
+    parameters = by_filter(problem, None, progress)
     interrupted = parameters.optimum.interrupted
     errors = list[float]()
-    for out, kept in splits(training.folds):
-        if not kept or interrupted:
-            break
-        others = by_filter(problem([logs[i] for i in kept], learned.model), None, progress)
-        interrupted = others.optimum.interrupted
-        for i in out:
-            asked = problem([logs[i]], others.put_into(learned.model))
-            (run,) = asked.at(np.zeros(asked.size))
-            time = logs[i].time
-            counted = run.values[time - time[0] >= counted_from(logs[i], options.homing)]
-            if np.isfinite(counted).any():
-                errors.append(float(np.nanmean(counted**2)))
+    with suppress(KeyboardInterrupt):
+        for out, kept in splits(training.folds) if not interrupted else ():
+            if not kept:
+                break
+            interrupted = True
+            z = without(parameters, [logs[i] for i in out]).optimum.z
+            interrupted = False
+            runs = parameters.problem.run([(i, z[problem.columns(i)]) for i in out])
+            for i, run in zip(out, runs):
+                time = logs[i].time
+                counted = run.values[time - time[0] >= counted_from(logs[i], options.homing)]
+                if np.isfinite(counted).any():
+                    errors.append(float(np.nanmean(counted**2)))
     return replace(
         learned,
         rig=parameters.put_into(learned.model),

@@ -60,7 +60,8 @@ rounding (squares that overflow).
 
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings:
-    """How a search for the least −ln p goes, and when it ends; `benchmarks.searches` compares.
+    """How a search for the least −ln p goes, and when it ends. Source: benchmark (python -m
+    benchmarks.searches).
 
     Args:
         settled: predicted gain of −ln p in the next step, below which the search ends: that of a
@@ -152,7 +153,6 @@ class Derivatives:
         meat: long-run covariance of the scores, (n, n): equal to the information where the model is
             right.
         spans: number of spans of time that `meat` is summed over.
-        of_logs: for a sum over logs, the derivatives of each log alone, without the prior.
     """
 
     cost: float
@@ -160,7 +160,6 @@ class Derivatives:
     information: Floats
     meat: Floats
     spans: int
-    of_logs: tuple[Derivatives, ...] = ()
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
@@ -409,11 +408,11 @@ class Weight:
 
     Args:
         share: weight of one value of each channel (`shares_of`), (m,).
-        counts: for each log the number of values of each channel that are compared, (m,).
+        counts: index of a log → the number of values of each channel that are compared, (m,).
     """
 
     share: Floats
-    counts: tuple[Floats, ...]
+    counts: Mapping[int, Floats]
 
 
 @dataclass(frozen=True)
@@ -431,6 +430,7 @@ class Problem:
         filter: the filter, whose kernel has the free parameters as inputs.
         free: the parameters that are varied.
         data: the logs.
+        out: indices of the logs that are left out.
         homing: for how long the reference is read [s], None for never; with it only the reference
             after that time is compared.
         aided: whether, without homing, the reference is read wherever it is known, as one more
@@ -450,6 +450,7 @@ class Problem:
     filter: FitFilter
     free: tuple[Free, ...]
     data: tuple[Data, ...]
+    out: frozenset[int] = frozenset()
     homing: float | None = None
     aided: bool = False
     open_loop: bool = False
@@ -465,11 +466,17 @@ class Problem:
         runs = self.at(z)
         if not all(run.bounded for run in runs):
             return self
-        counts = tuple(np.isfinite(run.values).sum(axis=0).astype(np.float64) for run in runs)
-        return replace(
-            self,
-            weight=Weight(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts),
-        )
+        counts = {
+            j: np.isfinite(run.values).sum(axis=0).astype(np.float64)
+            for j, run in zip(self.logs, runs)
+        }
+        shares = shares_of(runs, [self._times(j) for j in self.logs])
+        return replace(self, weight=Weight(shares, counts))
+
+    @property
+    def logs(self) -> list[int]:
+        """Indices of the logs that count."""
+        return [j for j in range(len(self.data)) if j not in self.out]
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -626,18 +633,17 @@ class Problem:
         return scales_of(runs, self._tolerance)
 
     def at(self, z: Floats) -> list[Innovations]:
-        """Return the innovations of every log at coordinates z, (size,)."""
-        return self.run([(j, z[self.columns(j)]) for j in range(len(self.data))])
+        """Return the innovations of each of the `logs` at coordinates z, (size,)."""
+        return self.run([(j, z[self.columns(j)]) for j in self.logs])
 
     def costs(self, points: Sequence[Floats]) -> Floats:
-        """Return −ln p of all logs and the prior at each of some points; it is infinite where the
+        """Return −ln p of the `logs` and the prior at each of some points; it is infinite where the
         filter left all bounds.
         """
-        logs = range(len(self.data))
-        runs = self.run([(j, z[self.columns(j)]) for j in logs for z in points])
+        runs = self.run([(j, z[self.columns(j)]) for j in self.logs for z in points])
         costs = []
         for k, z in enumerate(points):
-            log_runs = [runs[j * len(points) + k] for j in logs]
+            log_runs = runs[k :: len(points)]
             costs.append(
                 self._cost(log_runs) + self._prior(z)
                 if all(run.bounded for run in log_runs)
@@ -647,14 +653,14 @@ class Problem:
 
     def _cost(self, runs: Sequence[Innovations]) -> float:
         scale = self.scales(runs)
-        return sum(cost_of(run, self._weighing(j, scale)) for j, run in enumerate(runs))
+        return sum(cost_of(run, self._weighing(j, scale)) for j, run in zip(self.logs, runs))
 
     def _prior(self, z: Floats) -> float:
         return 0.5 * float(z @ self.prior_information @ z)
 
-    def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
-        """Return the derivatives of −ln p of each log at a point z, without the prior, by one-sided
-        differences of ν and ln S.
+    def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
+        """Return −ln p of the `logs` and the prior at a point z, its gradient, and the logs'
+        information, by one-sided differences of ν and ln S.
 
         The differences go over `widths`, (size,), to the side where they stay within the bounds; a
         width of 0 means that a coordinate is not varied.
@@ -662,7 +668,7 @@ class Problem:
         low, high = self.bounds.T
         ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))
         tasks = list[tuple[int, Floats]]()
-        for j in range(len(self.data)):
+        for j in self.logs:
             positions = self.columns(j)
             tasks.append((j, z[positions]))
             varied = np.eye(len(positions), dtype=bool)[widths[positions] != 0.0]
@@ -672,37 +678,21 @@ class Problem:
         runs = iter(self.run(tasks))
         bases = list[Innovations]()
         sides = list[list[Innovations]]()
-        for j in range(len(self.data)):
-            bases.append(next(runs))
-            sides.append([next(runs) if width else bases[j] for width in widths[self.columns(j)]])
+        for j in self.logs:
+            base = next(runs)
+            bases.append(base)
+            sides.append([next(runs) if width else base for width in widths[self.columns(j)]])
         scale = self.scales(bases)
-        derivatives = []
-        for j, (base, side) in enumerate(zip(bases, sides)):
-            steps = (ends - z)[self.columns(j)]
-            derivatives.append(derivatives_of(base, side, steps, self._weighing(j, scale)))
-        return derivatives
-
-    def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
-        """Return −ln p of logs and prior at z, its gradient, and the logs' information; `widths`
-        are as in `of_logs`.
-        """
-        return self.summed(dict(enumerate(self.of_logs(z, widths))), z)
-
-    def summed(self, of_logs: Mapping[int, Derivatives], z: Floats) -> Derivatives:
-        """Return the derivatives of some logs and the prior at z, from the derivatives of each of
-        these logs there, by its index.
-        """
-        n = self.size
-        gradient = np.zeros(n)
-        information = np.zeros((n, n))
-        meat = np.zeros((n, n))
-        for j, part in of_logs.items():
-            square = np.ix_(self.columns(j), self.columns(j))
-            gradient[self.columns(j)] += part.gradient
-            information[square] += part.information
-            meat[square] += part.meat
-        parts = tuple(of_logs.values())
-        cost = sum(part.cost for part in parts) + self._prior(z)
-        spans = sum(part.spans for part in parts)
-        gradient += self.prior_information @ z
-        return Derivatives(cost, gradient, information, meat, spans, parts)
+        cost = self._prior(z)
+        spans = 0
+        gradient = self.prior_information @ z
+        information, meat = np.zeros((2, self.size, self.size))
+        for j, base, side in zip(self.logs, bases, sides):
+            at = self.columns(j)
+            part = derivatives_of(base, side, (ends - z)[at], self._weighing(j, scale))
+            cost += part.cost
+            spans += part.spans
+            gradient[at] += part.gradient
+            information[np.ix_(at, at)] += part.information
+            meat[np.ix_(at, at)] += part.meat
+        return Derivatives(cost, gradient, information, meat, spans)

@@ -362,16 +362,6 @@ IDENTIFIED = 0.9
 Source: judgement.
 """
 
-CONFOUNDED = 0.5
-"""The same ratio where it shows only together with others: it would carry what the model lacks [1].
-Source: judgement.
-"""
-
-SEEN_ALONE = 0.2
-"""Ratio of a parameter's standard error if all others were known to its standard error, below which
-it shows only together with others [1]. Source: judgement.
-"""
-
 DIVERGED = (
     "{}: the filter leaves all bounds on these logs; check the units of logs and rig "
     "(distal estimate)"
@@ -569,6 +559,40 @@ def searched(
     return ParameterEstimates(problem, optimum, covariance, left, fitted, tuple(doubts), nis)
 
 
+def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
+    """Return the parameters that all logs but some tell, `logs`: a search from those of all logs.
+    Which of them stay at their priors, and their stds, are as with all logs.
+
+    What each log has anew is in a log that is left out as in the others in the mean.
+
+    Raises:
+        KeyboardInterrupt: the user interrupted the search.
+    """
+    problem = parameters.problem
+    out = frozenset(
+        j for j, data in enumerate(problem.data) if any(data.log is log for log in logs)
+    )
+    of_others = replace(problem, out=problem.out | out)
+    optimum = search(
+        of_others,
+        parameters.optimum.z,
+        most=problem.settings.first_iterations,
+        fixed=parameters.left | np.array([log in out for _, log in problem.parts]),
+        near=parameters.optimum.derivatives,
+    )
+    if optimum.interrupted:
+        raise KeyboardInterrupt
+    z = optimum.z.copy()
+    for k, (part, log) in enumerate(problem.parts):
+        if log in out:
+            z[k] = np.mean(
+                [z[i] for i, (p, j) in enumerate(problem.parts) if p is part and j not in out]
+            )
+    moved = replace(parameters.optimum, z=z)
+    fitted = fitted_parameters(problem, moved, parameters.covariance, parameters.left)
+    return replace(parameters, optimum=moved, fitted=tuple(fitted))
+
+
 def _staying(problem: Problem, covariance: Floats) -> Bools:
     """Return which coordinates stay at their priors, (n,), one by one, the least known first; of
     noise and of what each log has anew there are none.
@@ -577,13 +601,8 @@ def _staying(problem: Problem, covariance: Floats) -> Bools:
     may_stay = np.array(
         [not part.noise and log is None and part.has_prior for part, log in problem.parts]
     )
-    precisions = np.diag(np.linalg.pinv(covariance, hermitian=True))
-    # the variance if all others were known
-    alone = 1.0 / np.maximum(precisions, 1e-300)
-    together = alone < SEEN_ALONE**2 * np.diag(covariance)
-    limit = np.where(together, CONFOUNDED, IDENTIFIED) * problem.prior_stds
     while True:
-        share = errors_holding(covariance, left) / limit
+        share = errors_holding(covariance, left) / (IDENTIFIED * problem.prior_stds)
         share[~may_stay | left] = 0.0
         at = int(np.argmax(share))
         if share[at] < 1.0:
@@ -624,7 +643,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         )
     fit_filter = _filter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
-    problem = Problem(fit_filter, free, data, options.homing, workers=options.workers)
+    problem = Problem(fit_filter, free, data, homing=options.homing, workers=options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
         problem.costs([np.zeros(problem.size)])[0]
     ):

@@ -109,7 +109,8 @@ JITTER = 1e-6
 @dataclass(frozen=True)
 class Prior:
     """Natural logarithms of a map's hyperparameters, with scaled readings and targets; the usual
-    values over many rigs, from which `fitting.map_search` finds each rig's own.
+    values over many rigs, from which `fitting.learned_maps` finds each rig's own. Source: benchmark
+    (python -m benchmarks.one_map).
 
     Args:
         readings: std of the weights of readings.

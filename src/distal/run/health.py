@@ -381,7 +381,7 @@ class Watch:
         """
         limits = self.limits
         interval = self.estimator.interval
-        first, dt = came["first"], came["dt"]
+        first, dt = (came[name] for name in ("first", "dt"))
         usual = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
         change = ca.fmin(dt / interval, 2 * usual) - usual
         share = ca.fmin(ca.fmax(dt, interval) / limits.memory, 1)
