@@ -29,7 +29,7 @@ from distal.fitting.candidates import (
 from distal.fitting.fit import Fit, plain_value
 from distal.fitting.free_parameters import Options
 from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
-from distal.rig import build_rig, parse_toml
+from distal.rig import build_rig, number, parse_toml
 from tests.support.foreign_plants import finger_log, finger_rig
 
 OPTIONS = Options(workers=1)
@@ -127,17 +127,18 @@ def check(result: Fit, text: str | None, path: Path) -> str:
         ),
     ],
 )
-def test_each_candidate_is_written_as_it_was_judged(
+def test_each_candidate_is_written(
     which: int, others: bool, found: Found, text: str, tmp_path: Path
 ) -> None:
-    """With and without what other models make of the same logs: their spread is in the report, and
-    not in the stds that the candidates were judged with.
+    """As it was judged, or with what other models make of the same logs: their spread is in the
+    stds.
     """
     candidate = found.candidates[which]
     learned = found.learned(candidate, others=others)
     written = check(learned, text, tmp_path / "fitted.toml")
     assert "# bought in March" in written
-    assert load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
+    judged = load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
+    assert judged or (others and candidate.parameters is not None)
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.0, False), (0.4, False), (0.6, True)])
@@ -161,13 +162,15 @@ def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, foun
     assert "readings" not in replace(result, compared=()).answer()
 
 
-def test_other_models_widen_the_report_alone(found: Found) -> None:
+def test_other_models_widen_what_is_said_and_written(found: Found) -> None:
     parameters = found.solutions[0]
     wider = among_models(parameters, found.models)
     assert any(a.error > b.error for a, b in zip(wider.fitted, parameters.fitted))
-    assert [a.file_std for a in wider.fitted] == pytest.approx(
-        [b.file_std for b in parameters.fitted], nan_ok=True
-    )
+    result = found.learned(next(c for c in found.candidates if c.parameters is parameters))
+    for part in result.fitted:
+        if not part.noise and part.value != part.start:
+            written = number(result.rig, part.paths[0])
+            assert written.std == pytest.approx(max(part.std, 0.002 * abs(part.value)), rel=0.01)
 
 
 def test_the_candidates_are_of_each_kind(found: Found) -> None:

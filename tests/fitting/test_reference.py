@@ -63,7 +63,7 @@ def test_how_sure_a_file_is(hold: bool) -> None:
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
-    found = FittedParameter("it", (path,), "", 0.2, 0.1, 0.3, 0.05, False, (0.3,), file_std=0.05)
+    found = FittedParameter("it", (path,), "", 0.2, 0.1, 0.3, 0.05, False, (0.3,))
     written = assignments([found], start, hold)["joints.jaw.friction.coefficient"]
     assert written["value"] == 0.3
     assert written["std"] == pytest.approx(0.05)
@@ -133,9 +133,7 @@ def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
-    found = FittedParameter(
-        "it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, False, (6.4e-22,), file_std=0.05
-    )
+    found = FittedParameter("it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, False, (6.4e-22,))
     after = start.with_values(assignments([found], start)).joints[0].friction
     assert after is not None
     assert after.coefficient.value == 0.0

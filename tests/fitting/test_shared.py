@@ -19,9 +19,7 @@ def rig_with(**stiffness: object) -> Rig:
 
 
 def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> FittedParameter:
-    return FittedParameter(
-        "it", paths, "N/m", 800.0, 80.0, values[0], error, False, values, file_std=error
-    )
+    return FittedParameter("it", paths, "N/m", 800.0, 80.0, values[0], error, False, values)
 
 
 def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:

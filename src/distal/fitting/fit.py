@@ -306,9 +306,12 @@ class Fit:
         by_kind = {map_fit.kind: map_fit for map_fit in maps}
         ranked = sorted(judged.candidates, key=lambda way: (way is not chosen, way.error))
         added = {} if chosen.part is None else chosen.part.values
+        rig = chosen.rig
+        if chosen.parameters is not None:
+            rig = parameters.put_into(training.rig.with_values(added), chosen.hold)
         logs = judged.logs
         return cls(
-            rig=chosen.rig.bare().with_map(**{kind: of.maps for kind, of in by_kind.items()}),
+            rig=rig.bare().with_map(**{kind: of.maps for kind, of in by_kind.items()}),
             start=training.rig,
             part="" if chosen.part is None else chosen.part.name,
             parameters=parameters,

@@ -74,7 +74,6 @@ class FittedParameter:
             converge.
         noise: whether it is the size of a noise.
         values: the values at all `paths`.
-        file_std: the std in the file comes from it; NaN: from its prior.
         per_log: value of each log, in their order, where each has its own; else none.
     """
 
@@ -87,7 +86,6 @@ class FittedParameter:
     error: float
     noise: bool
     values: tuple[float, ...]
-    file_std: float = float("nan")
     per_log: tuple[float, ...] = ()
 
     @property
@@ -100,10 +98,10 @@ class FittedParameter:
 
     @property
     def std(self) -> float:
-        """The std that a fitted file has: with the model that was chosen; else the prior's."""
-        if not np.isfinite(self.file_std):
+        """The std that a fitted file has: its error, where that is less than the prior's."""
+        if not np.isfinite(self.error):
             return self.prior_std
-        return float(np.fmin(self.file_std, self.prior_std))
+        return float(np.fmin(self.error, self.prior_std))
 
     @property
     def sizes(self) -> tuple[str, str, str]:

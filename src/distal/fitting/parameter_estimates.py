@@ -500,13 +500,8 @@ def among_models(
     away = ends - optimum.z
     spread = away.T @ away / len(models)
     wider = parameters.covariance + spread
-    reported = fitted_parameters(problem, optimum, wider, parameters.left)
-    # the file keeps the stds with which the candidates were judged (docs/results/fits.md)
-    fitted = tuple(
-        replace(widened, file_std=judged.file_std)
-        for widened, judged in zip(reported, parameters.fitted)
-    )
-    return replace(parameters, covariance=wider, fitted=fitted)
+    fitted = fitted_parameters(problem, optimum, wider, parameters.left)
+    return replace(parameters, covariance=wider, fitted=tuple(fitted))
 
 
 def _translated(
@@ -713,7 +708,7 @@ def fitted_parameters(
         if has_errors:
             limit = part.std if part.has_prior and not part.noise else np.inf
             error = min(_error_of_mean(by_log, errors[positions] * slopes), limit)
-            fitted = replace(fitted, error=error, file_std=error)
+            fitted = replace(fitted, error=error)
         parameters.append(fitted)
     return parameters
 
