@@ -28,7 +28,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.expressions import Scalar
+from distal.expressions import Scalar, Vector
 from distal.fitting.objective import Data, FitFilter, Innovations, Problem, SearchSettings
 from distal.kernels import Feed, Kernel, kernel_of, structure_of
 from distal.model import Mechanism
@@ -134,34 +134,8 @@ class Equations:
         ]
         q = ca.vertcat(motion[:nj], *positions)
         direction = ca.fmax(ca.fmin(kernel_state[:nb] + turned, 1), -1)
-        inside = kernel_state[nb:]
-        strains = kernel_state[nb + len(mechanism.plays) :]
-        if count:
-            at = [
-                mechanism.parameters.names.index(name)
-                for name in (*mechanism.plays, *mechanism.strains)
-            ]
-
-            def remembering(values: ca.SX) -> ca.SX:
-                parameters = ca.SX(p)
-                parameters[at] = values
-                return parameters
-
-            moved = ca.Function(
-                "moved",
-                [q_ := ca.SX.sym("q", nb), p],
-                [ca.vertcat(*mechanism.internal_state(q_).inside)],
-            )
-            crept = ca.Function(
-                "crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))]
-            )
-            plays = moved(q, remembering(inside))
-            if mechanism.strains:
-                strains = crept(q, dt, remembering(ca.vertcat(plays, strains)))
-            inside = ca.vertcat(plays, strains)
-            parameters = remembering(inside)
-        else:
-            parameters = p
+        inside = self._stepped(q, dt, kernel_state[nb:])
+        parameters = self._remembering(inside)
         tensions, pulls, balance, up, down = self._forces()(q, v, a, parameters)
         friction = (up + down) / 2 * direction + (up - down) / 2 * ca.fabs(direction)
         rows = [
@@ -185,6 +159,31 @@ class Equations:
         return ca.Function(
             "equations", [kernel_state, x, p], outputs, ["kernel_state", "x", "p"], ["next", "y"]
         )
+
+    def _remembering(self, inside: Vector) -> Vector:
+        """Return the parameters with what is inside: states of plays, then strains."""
+        parameters = ca.SX(self.mechanism.parameters.symbols)
+        names = self.mechanism.parameters.names
+        for k, name in enumerate((*self.mechanism.plays, *self.mechanism.strains)):
+            parameters[names.index(name)] = inside[k]
+        return parameters
+
+    def _stepped(self, q: Vector, dt: Scalar, inside: Vector) -> Vector:
+        """Return what is inside after a step to the positions q."""
+        mechanism = self.mechanism
+        p = mechanism.parameters.symbols
+        at = ca.SX.sym("q", mechanism.n_bodies)
+        step = ca.SX.sym("dt")
+        plays = ca.SX(0, 1)
+        strains = inside[len(mechanism.plays) :]
+        if inside.numel():
+            moved = ca.vertcat(*mechanism.internal_state(at).inside)
+            plays = ca.Function("moved", [at, p], [moved])(q, self._remembering(inside))
+        if mechanism.strains:
+            before = self._remembering(ca.vertcat(plays, strains))
+            crept = ca.vertcat(*mechanism.crept(at, step))
+            strains = ca.Function("crept", [at, step, p], [crept])(q, dt, before)
+        return ca.vertcat(plays, strains)
 
     def _forces(self) -> ca.Function:
         """Return the function (q, v, a, p) → (tensions, pulls, all bodies' balance without

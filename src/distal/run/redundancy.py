@@ -20,6 +20,7 @@ from distal.arrays import Bools, Floats
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
+    BothReadings,
     begun_alone,
     judged_alone,
     judged_by,
@@ -221,34 +222,7 @@ class Redundancy:
         unlike: list[VectorNode] = []
         outside: list[VectorNode] = []
         after: list[VectorNode] = []
-        judges = JudgedJumps.among(self.maps, self.channels)
-        size = MEMORY * len(self.judged)
-        of_judges = sum(judge.memory.size for judge in judges)
-        own = memory.numel() - size - of_judges
-        begun = [begun_alone(came["values"][k], came["mask"][k]) for k, *_ in self.judged]
-        tracks = ca.if_else(came["first"], ca.vertcat(*begun), memory[own + of_judges :])
-        positions = [
-            (k, ca.MX(ca.DM(judged_with)), message) for k, judged_with, message in self.judged
-        ]
-        sample = judged_alone(
-            ca.vertsplit(tracks, MEMORY), came["dt"], came["values"], came["mask"], positions
-        )
-        of_positions = [
-            judge.begun(came["values"][list(judge.positions)], came["mask"][list(judge.positions)])
-            for judge in judges
-        ]
-        ratios, judged_jumps = evidence_of_jumps(
-            judges,
-            ca.if_else(came["first"], ca.vertcat(*of_positions), memory[own : own + of_judges]),
-            came["dt"],
-            sample.off,
-            sample.real,
-            sample.masks,
-            ca.DM(np.concatenate([NONE, *(forces_parameters(j.learned) for j in judges)])),
-        )
-        tracks = [
-            with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
-        ]
+        sample, tracked = self._tracked(memory, came)
         values = ca.if_else(sample.chance > 0.5, sample.real, sample.off)
         came = {**came, "values": values, "mask": sample.masks}
         at = 0
@@ -274,8 +248,42 @@ class Redundancy:
             outside.append(beyond > 0)
             unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), _any(sample.lasting[part.read])))
             after.append(part.memory.joined(**remembered))
-        after += [judged_jumps, *tracks]
-        return ca.vertcat(*after), *(ca.vertcat(*of) for of in (costs, unlike, outside))
+        return ca.vertcat(*after, tracked), *(ca.vertcat(*of) for of in (costs, unlike, outside))
+
+    def _tracked(
+        self, memory: VectorNode, came: Mapping[str, VectorNode]
+    ) -> tuple[BothReadings, VectorNode]:
+        """Return a sample as its positions are believed, and what is remembered of them after it,
+        which is the end of the memory.
+        """
+        judges = JudgedJumps.among(self.maps, self.channels)
+        begin = memory.numel() - MEMORY * len(self.judged)
+        of_judges = begin - sum(judge.memory.size for judge in judges)
+        begun = [begun_alone(came["values"][k], came["mask"][k]) for k, *_ in self.judged]
+        tracks = ca.if_else(came["first"], ca.vertcat(*begun), memory[begin:])
+        positions = [
+            (k, ca.MX(ca.DM(judged_with)), message) for k, judged_with, message in self.judged
+        ]
+        sample = judged_alone(
+            ca.vertsplit(tracks, MEMORY), came["dt"], came["values"], came["mask"], positions
+        )
+        at_first = [
+            judge.begun(came["values"][list(judge.positions)], came["mask"][list(judge.positions)])
+            for judge in judges
+        ]
+        ratios, judged_jumps = evidence_of_jumps(
+            judges,
+            ca.if_else(came["first"], ca.vertcat(*at_first), memory[of_judges:begin]),
+            came["dt"],
+            sample.off,
+            sample.real,
+            sample.masks,
+            ca.DM(np.concatenate([NONE, *(forces_parameters(j.learned) for j in judges)])),
+        )
+        tracks = [
+            with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
+        ]
+        return sample, ca.vertcat(judged_jumps, *tracks)
 
 
 @dataclass(frozen=True)
