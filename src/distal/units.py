@@ -43,12 +43,7 @@ USUAL = {
     "N m": {"N m": 1.0, "mN m": 1e-3},
     "N/m": {"N/m": 1.0, "N/mm": 1e3},
     "N m/A": {"N m/A": 1.0, "mN m/A": 1e-3},
-    "N s/m": {"N s/m": 1.0},
     "N m s/rad": {"N m s": 1.0},
-    "N m/rad": {"N m/rad": 1.0},
-    "kg m^2": {"kg m^2": 1.0},
-    "kg/s": {"kg/s": 1.0},
-    "m/s^2": {"m/s^2": 1.0},
 }
 """SI unit → usual units → factors to SI, as pint gives them; they stand here because pint takes 0.3
 s to load.
@@ -76,7 +71,7 @@ def unit_factor(unit: str, si: str) -> float:
     Raises:
         UnitError: the unit is unknown, has an offset, or its dimension is not that of `si`.
     """
-    usual = USUAL.get(si, {}).get(unit)
+    usual = 1.0 if unit == si else USUAL.get(si, {}).get(unit)
     return _factor_by_pint(unit, si) if usual is None else usual
 
 
@@ -95,10 +90,9 @@ def _factor_by_pint(unit: str, si: str) -> float:
     registry = _registry()
     try:
         # a temperature-like or logarithmic unit has no single factor; zero must map to zero
-        quantity = registry.Quantity(1.0, text)
-        target = registry.Unit(si or "dimensionless")
-        factor = quantity.to(target).magnitude
-        zero = registry.Quantity(0.0, text).to(target).magnitude
+        factor, zero = (
+            registry.Quantity(size, text).to(si or "dimensionless").magnitude for size in (1.0, 0.0)
+        )
     except pint.DimensionalityError:
         raise UnitError(
             f"unit '{unit}' has the wrong dimension; {desired} is allowed here"
@@ -140,7 +134,7 @@ def to_si(value: object, si: str) -> float:
             not have the dimension of `si`.
     """
     example = f"a number in SI ({si}) or text like '0.1 {si}'" if si else "a plain number"
-    if isinstance(value, (bool, complex)) or not isinstance(value, (Real, str)):
+    if isinstance(value, bool) or not isinstance(value, (Real, str)):
         raise UnitError(f"{_shown(value)} is not a quantity; {example} is allowed")
     if not isinstance(value, str):
         try:

@@ -53,6 +53,10 @@ from distal.rig.quantities import (
     Turn,
 )
 
+Mass = Annotated[Parameter, In("kg", "nonnegative")]
+Inertia = Annotated[Parameter, In("kg m^2", "positive")]
+StopStiffness = Annotated[Parameter, In("N m/rad", "positive")]
+
 BASE = "base"
 """Name of what the first joint sits on."""
 
@@ -74,9 +78,11 @@ AXES: dict[str, Vector] = {
 
 def _named(raw: object) -> object:
     """Return the axis of a name; what is no name stays."""
-    if isinstance(raw, str) and raw not in AXES:
+    if not isinstance(raw, str):
+        return raw
+    if raw not in AXES:
         raise UnitError(f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came')
-    return AXES[raw] if isinstance(raw, str) else raw
+    return AXES[raw]
 
 
 def _unit(vector: Vector) -> Vector:
@@ -110,7 +116,7 @@ class Base(Description):
 class Link(Description):
     """A rigid body that a joint turns, in the frame of that joint."""
 
-    mass: Annotated[Parameter, In("kg", "nonnegative")]
+    mass: Mass
     centre: Annotated[Vector, In("m")] = Field(
         description="centre of mass from the joint's axis, at θ = 0"
     )
@@ -200,7 +206,7 @@ class JointBacklash(Description):
 class Gravity(Description):
     """Weight of an off-axis mass: torque = −mass · g · distance · sin(θ − hanging_angle)."""
 
-    mass: Annotated[Parameter, In("kg", "nonnegative")]
+    mass: Mass
     distance: Displacement = Field(description="axis to the centre of mass")
     hanging_angle: AnyAngle = Field(
         ZERO, description="joint angle where the centre of mass is below the axis"
@@ -232,7 +238,7 @@ class Joint(Description):
     )
     link: Link | None = None
     coupled: Coupling | None = None
-    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
+    inertia: Inertia = Field(
         description="moment of inertia J about its axis, beside that of a `link`"
     )
     damping: AngularDamping = Field(ZERO, description="viscous, b_θ")
@@ -247,7 +253,7 @@ class Joint(Description):
         0.0,
         description="standard deviation of both ends; a calibration against them is no better",
     )
-    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
+    stop_stiffness: StopStiffness = Parameter(value=100.0)
     stop_damping: AngularDamping = Parameter(value=0.1)
     unmodelled: RadiansPerSecond = Field(
         0.5,
@@ -437,9 +443,7 @@ class Capstan(Description):
 
     kind: Literal["capstan"]
     name: Name
-    inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
-        description="of rotor and capstan, at the capstan"
-    )
+    inertia: Inertia = Field(description="of rotor and capstan, at the capstan")
     radius: Length = Field(description="of the capstan, R")
     damping: AngularDamping = VISCOUS
     friction: CapstanFriction = CapstanFriction()
@@ -447,7 +451,7 @@ class Capstan(Description):
     backlash: Backlash | None = None
     cogging: Cogging | None = None
     stops: AngularRange | None = STOPS
-    stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Parameter(value=100.0)
+    stop_stiffness: StopStiffness = Parameter(value=100.0)
     stop_damping: AngularDamping = Parameter(value=0.1)
     nominal_force: Annotated[Parameter, In("N m", drifts=False)] = USUAL_EFFORT
     limit: PositiveNewtonMetres | None = LARGEST_EFFORT
@@ -641,13 +645,11 @@ class Linkage(Description):
         desired = side * (displacement - elongated)
         radius = size("radius")
         centre = size("centre")
-        slope = size("slope")
-        curvature = size("curvature")
         angle = centre + (desired - self.excursion(size, centre)) / radius
         for _ in range(INVERSION_STEPS):
             u = angle - centre
             # the arm is kept away from zero, where no angle fits
-            arm = radius * ca.fmax(growth(u, slope, curvature), 0.2)
+            arm = radius * ca.fmax(growth(u, size("slope"), size("curvature")), 0.2)
             angle = angle + (desired - self.excursion(size, angle)) / arm
         return angle
 
@@ -703,7 +705,7 @@ class Polynomial(Description):
                     f"{len(term.powers)} came"
                 )
         for j, name in enumerate(self.joints):
-            if not any(term.powers[j] > 0 and term.coefficient.value != 0.0 for term in self.terms):
+            if not any(term.powers[j] and term.coefficient.value for term in self.terms):
                 raise ValueError(
                     f"joints: '{name}' has no term with a power of it; leave it out, or add one"
                 )
@@ -765,7 +767,7 @@ class Polynomial(Description):
             * term.powers[joint]
             * _product(at, [power - (i == joint) for i, power in enumerate(term.powers)])
             for term, coefficient in zip(self.terms, coefficients)
-            if term.powers[joint] > 0
+            if term.powers[joint]
         )
 
 
@@ -901,12 +903,16 @@ class Tendon(Description):
                     raise ValueError(
                         f"{name}: is the short form of one crossing; leave it out, or 'crossings'"
                     )
-            return self
-        missing = [name for name, value in short.items() if value is None]
-        if missing:
+        elif None in short.values():
+            missing = [name for name, value in short.items() if value is None]
             raise ValueError(
                 f"{missing[0]}: is missing (or give 'crossings', one for each joint that it "
                 "crosses)"
+            )
+        if not self.slack.absent and not self.pretension.absent:
+            raise ValueError(
+                "slack: a tendon is slack at home, or pulled there by its 'pretension'; give one "
+                "of them"
             )
         return self
 
@@ -966,14 +972,5 @@ class Tendon(Description):
         for meeting in self.meetings:
             if isinstance(meeting.shape, Polynomial):
                 positions += [dict(zip(meeting.joints, ends)) for ends in zip(*meeting.shape.range)]
-        totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in positions]
+        totals = [sum(map(abs, self.arms(at).values())) for at in positions]
         return totals[0] or max(totals)
-
-    @model_validator(mode="after")
-    def _forms_agree(self) -> Self:
-        if not self.slack.absent and not self.pretension.absent:
-            raise ValueError(
-                "slack: a tendon is slack at home, or pulled there by its 'pretension'; give one "
-                "of them"
-            )
-        return self

@@ -96,13 +96,13 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     Raises:
         RigError: the rig is unknown, cannot be read, or its description is wrong.
     """
-    _, source, changed, rig = _changed(name, assignments)
+    _, changed, rig = _changed(name, assignments)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
     if moved and rig.map is not None and rig.map.filter:
         is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)
         torque = "; declare external_torque.std in the rig file before the fit" if is_torque else ""
         warnings.warn(
-            f"{source}: [map] was learned with other numbers than {', '.join(moved)} now "
+            f"{name}: [map] was learned with other numbers than {', '.join(moved)} now "
             "has: "
             f"fit again, or remove it{torque}",
             DistalWarning,
@@ -115,7 +115,7 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
     """Return the text of a rig file with some values replaced, as by `load_rig`; its comments
     stay.
     """
-    text, _, changed, _ = _changed(name, assignments)
+    text, changed, _ = _changed(name, assignments)
     if not changed:
         return text
     import tomlkit
@@ -128,21 +128,17 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
 
 def _changed(
     name: str | Path, assignments: Sequence[str]
-) -> tuple[str, str, list[tuple[str, object]], Rig]:
-    """Return the text of a rig file, its name for messages, the paths and values of some
-    assignments, and the rig that has these values.
+) -> tuple[str, list[tuple[str, object]], Rig]:
+    """Return the text of a rig file, the paths and values of some assignments, and the rig that
+    has these values.
     """
     text, source = rig_text(name)
     raw = parse_toml(text, source, RigError)
     changed = [parse_assignment(assignment, RigError) for assignment in assignments]
     for path, value in changed:
         set_value(raw, path, value, RigError)
-    return (
-        text,
-        source,
-        changed,
-        build_rig(with_arrays(raw, source, description_path(name, RIGS).parent), source),
-    )
+    folder = description_path(name, RIGS).parent
+    return text, changed, build_rig(with_arrays(raw, source, folder), source)
 
 
 def build_rig(raw: Mapping[str, object], source: str) -> Rig:
@@ -178,17 +174,14 @@ class Imported:
     missing: tuple[str, ...]
 
     @staticmethod
-    def of(raw: Mapping[str, object], title: str, source: str, notes: tuple[str, ...]) -> Imported:
+    def of(raw: Mapping[str, object], title: str, source: str, notes: Sequence[str]) -> Imported:
         """Return the rig of a raw description that has guesses in it; comments say that these are
         not in the `source`.
         """
-        rig = build_rig({key: plain_number(value) for key, value in raw.items()}, title)
-        return Imported(
-            rig,
-            written(raw, source),
-            notes,
-            tuple(dict.fromkeys(guess.of for guess in guesses(raw))),
-        )
+        text = written(raw, source)
+        rig = build_rig(parse_toml(text, title, RigError), title)
+        missing = dict.fromkeys(guess.of for guess in guesses(raw))
+        return Imported(rig, text, tuple(notes), tuple(missing))
 
 
 def name_of(name: str, otherwise: str) -> str:
@@ -198,15 +191,6 @@ def name_of(name: str, otherwise: str) -> str:
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-") or otherwise
     name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
     return (f"{name}_" if name in ("std", "dot", "base") or name.endswith("_std") else name)[:64]
-
-
-def plain_number(raw: object) -> object:
-    """Return a raw description with each guess replaced by its value."""
-    if isinstance(raw, Guess):
-        return plain_number(raw.value)
-    if isinstance(raw, dict):
-        return {key: plain_number(value) for key, value in raw.items()}
-    return [plain_number(value) for value in raw] if isinstance(raw, list) else raw
 
 
 def guesses(raw: object) -> Iterator[Guess]:
@@ -234,9 +218,7 @@ def written(raw: Mapping[str, object], source: str) -> str:
         else:
             document.add(
                 key,
-                _table(part, source)
-                if isinstance(part, dict)
-                else tomlkit.item(plain_number(part)),
+                _table(part, source) if isinstance(part, dict) else tomlkit.item(part),
             )
     return tomlkit.dumps(document)
 
@@ -247,19 +229,22 @@ def _table(raw: Raw, source: str) -> object:
 
     table = tomlkit.table()
     for key, part in raw.items():
-        node = tomlkit.item(_inline(plain_number(part)))
+        node = tomlkit.item(_inline(part))
         if isinstance(node, tomlkit.items.Array) and key == "crossings":
             node.multiline(True)
         table.add(key, node)
-        of = list(dict.fromkeys(guess.of for guess in guesses(part)))
-        if of:
-            table[key].comment(f"not in the {source}: {', '.join(of)}")
+        guessed = ", ".join(dict.fromkeys(guess.of for guess in guesses(part)))
+        if guessed:
+            table[key].comment(f"not in the {source}: {guessed}")
     return table
 
 
 def _inline(part: object) -> object:
+    """Return a part in one line, each guess in it replaced by its value."""
     import tomlkit
 
+    if isinstance(part, Guess):
+        return _inline(part.value)
     if isinstance(part, dict):
         table = tomlkit.inline_table()
         for key, inner in part.items():

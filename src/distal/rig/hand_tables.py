@@ -13,14 +13,14 @@ import re
 from collections.abc import Mapping, Sequence
 from math import degrees, inf, pi, radians
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.files import Guess, Imported, name_of, read_text
 from distal.rig.quantities import AnyRadians, Description, In, Radians, Raw, TorqueConstant
-from distal.rig.validation import validated
+from distal.rig.validation import Checked, validated
 from distal.units import to_si
 
 COUNTED = ("count", "counts")
@@ -152,8 +152,7 @@ def _row(source: str, units: dict[str, str | None], cells: list[str]) -> Row:
     raw: Raw = {}
     for (name, unit), cell in zip(units.items(), cells):
         text = cell.strip()
-        is_bare = re.fullmatch(r"[-+.\deE]+", text) is not None
-        if unit is not None and unit not in COUNTED and is_bare:
+        if unit is not None and unit not in COUNTED and re.fullmatch(r"[-+.\deE]+", text):
             text = f"{text} {unit}"
         if text:
             raw[name] = text
@@ -332,7 +331,7 @@ def hand_of(
             *(_encoder(name) for name in joints),
         ],
     }
-    return Imported.of(raw, title, source, tuple(notes))
+    return Imported.of(raw, title, source, notes)
 
 
 def _time(column: str) -> Raw:
@@ -549,9 +548,6 @@ class _Sequence(_OfOrca):
     calibration_sequence: list[_Step]
 
 
-Read = TypeVar("Read", bound=_OfOrca)
-
-
 def from_orca(config: str | Path, calibration: str | Path | None = None) -> Imported:
     """Return the rig of an ORCA hand from the files that its own software reads.
 
@@ -578,11 +574,16 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     for joint, signed in motors.items():
         if signed == 0:
             raise RigError(f"{path}: joint_to_motor_map: '{joint}' needs the number of its motor")
-        low, high = (radians(end) for end in hand.joint_roms[joint])
+        low, high = map(radians, hand.joint_roms[joint])
         motor = abs(signed)
         direction = 1 if signed > 0 else -1
-        raw: Raw = {"joint": joint, "motor": str(motor), "direction": direction}
-        raw |= {"low": low, "high": high}
+        raw: Raw = {
+            "joint": joint,
+            "motor": str(motor),
+            "direction": direction,
+            "low": low,
+            "high": high,
+        }
         travel = radians(travels[joint]) if joint in travels else None
         if motor in limits:
             ends = limits[motor]
@@ -625,11 +626,9 @@ def orca_order(config: str | Path) -> list[list[str]]:
     Raises:
         RigError: the file has no such sequence.
     """
-    order = list[list[str]]()
-    for step in _read(_Sequence, Path(config)).calibration_sequence:
-        if list(step.joints) not in order:  # one step flexes them, another extends them
-            order.append(list(step.joints))
-    return order
+    steps = _read(_Sequence, Path(config)).calibration_sequence
+    # one step flexes them, another extends them
+    return [list(joints) for joints in dict.fromkeys(tuple(step.joints) for step in steps)]
 
 
 def _limits(path: Path) -> dict[int, tuple[float, float]]:
@@ -646,7 +645,7 @@ def _limits(path: Path) -> dict[int, tuple[float, float]]:
     }
 
 
-def _read(kind: type[Read], path: Path) -> Read:
+def _read(kind: type[Checked], path: Path) -> Checked:
     """Return what a file of orca_core says."""
     try:
         yaml = importlib.import_module("yaml")

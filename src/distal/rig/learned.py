@@ -247,14 +247,8 @@ def as_table(maps: LearnedMaps, rig_file: str | Path) -> tuple[Raw, bytes]:
         "file": arrays_file(rig_file).name,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
-    for kind in KINDS:
-        described = [
-            learned.model_dump(exclude={"arrays"}, exclude_defaults=True)
-            for learned in getattr(maps, kind)
-        ]
-        if described:
-            table[kind] = described
-    return table, content
+    elsewhere = {kind: {"__all__": {"arrays"}} for kind in KINDS}
+    return table | maps.model_dump(exclude=elsewhere, exclude_defaults=True), content
 
 
 def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> Raw:
@@ -267,8 +261,9 @@ def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> Raw:
     table = raw.get("map")
     if not isinstance(table, dict) or "file" not in table:
         return dict(raw)
-    kept = {key: value for key, value in table.items() if key not in ("file", "sha256")}
-    name = table["file"]
+    kept = dict(table)
+    name = kept.pop("file")
+    digest = kept.pop("sha256", None)
     if not isinstance(name, str) or Path(name).name != name or not name.endswith(".npz"):
         raise RigError(f"{source}: map.file is the name of an .npz file beside it; {name!r} came")
     try:
@@ -278,7 +273,7 @@ def with_arrays(raw: Mapping[str, object], source: str, folder: Path) -> Raw:
             f"{source}: [map] needs the file {name} beside the rig file ({problem.strerror}); copy "
             "it there, or remove [map]"
         ) from None
-    if hashlib.sha256(content).hexdigest() != table.get("sha256"):
+    if hashlib.sha256(content).hexdigest() != digest:
         raise RigError(
             f"{source}: {name} is not the file that was written with this rig (its SHA-256 is "
             "another one); copy the right one there, fit again, or remove [map]"

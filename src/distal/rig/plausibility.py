@@ -6,16 +6,15 @@ The possible positions of a drive, by its own stops or by the range of its joint
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, radians, sqrt
 from typing import Literal
 
 from distal.errors import CommandError, RigError, did_you_mean
-from distal.rig.components import Capstan
 from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig, parameters_below
-from distal.rig.sensors import Sensor, drive_travel
+from distal.rig.sensors import Sensor, drive_travel, positions_over
 from distal.rig.validation import in_words, index_of, names_in
 
 ROUGH = 0.5
@@ -31,18 +30,13 @@ def known_to_a_factor(path: str, value: float, std: float) -> bool:
     """Return whether the positive number at a path is known to a factor only: its `std` is above
     `ROUGH` of its `value`, of a moment arm above `ROUGH_ARM`.
     """
-    return std > (ROUGH_ARM if is_arm(path) else ROUGH) * value > 0.0
-
-
-def is_arm(path: str) -> bool:
-    """Return whether the number at a path is a moment arm; readings show only its product with an
-    angle.
-    """
-    return (
+    # readings show only the product of a moment arm with an angle
+    is_arm = (
         ".insertion." in path
         or ".crossings." in path
         or (path.startswith("drives.") and path.endswith(".radius"))
     )
+    return std > (ROUGH_ARM if is_arm else ROUGH) * value > 0.0
 
 
 @dataclass(frozen=True)
@@ -211,37 +205,12 @@ def doubts(rig: Rig) -> list[str]:
                 "swinging"
             )
     for drive in rig.drives:
-        if not any(
-            sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors
-        ):
+        if drive.name not in [sensor.of for sensor in rig.sensors_of("position")]:
             sentences.append(
                 f"drive {drive.name} has no position sensor: its place has to be guessed from "
                 "forces"
             )
-    rubbing = {
-        tendon.name for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes == 0
-    }
-    for sensor in rig.sensors:
-        if sensor.measures == "tension" and sensor.of in rubbing:
-            sentences.append(
-                f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the "
-                "friction of its path, at the "
-                "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
-            )
-        if sensor.measures == "force" and getattr(sensor, "lever", None) is not None:
-            windings = [tendon.winding for tendon in rig.tendons_of(sensor.of)]
-            if len(windings) > 1:
-                sentences.append(
-                    f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls "
-                    f"{len(windings)}, whose "
-                    "tensions together are its torque: measure the 'tension' of each"
-                )
-            elif windings == [-1] and sensor.sign == 1:
-                sentences.append(
-                    f"sensor {sensor.name} is a load cell in a tendon on side -1, where a pull is "
-                    "a negative torque: "
-                    "is sign = -1 missing?"
-                )
+    sentences += _doubted_sensors(rig)
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}
@@ -252,6 +221,34 @@ def doubts(rig: Rig) -> list[str]:
                 "back: is one side wrong?"
             )
     return sentences
+
+
+def _doubted_sensors(rig: Rig) -> Iterator[str]:
+    """Yield a sentence for each sensor of a force that seems to be elsewhere than the rig says."""
+    rubbing = {
+        tendon.name for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes == 0
+    }
+    for sensor in rig.sensors:
+        if sensor.measures == "tension" and sensor.of in rubbing:
+            yield (
+                f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the "
+                "friction of its path, at the "
+                "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
+            )
+        if sensor.measures == "force" and getattr(sensor, "lever", None) is not None:
+            windings = [tendon.winding for tendon in rig.tendons_of(sensor.of)]
+            if len(windings) > 1:
+                yield (
+                    f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls "
+                    f"{len(windings)}, whose "
+                    "tensions together are its torque: measure the 'tension' of each"
+                )
+            elif windings == [-1] and sensor.sign == 1:
+                yield (
+                    f"sensor {sensor.name} is a load cell in a tendon on side -1, where a pull is "
+                    "a negative torque: "
+                    "is sign = -1 missing?"
+                )
 
 
 BEYOND = 0.05
@@ -338,20 +335,21 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
             for sensor in rig.sensors
             if sensor.of == drive.name and sensor.name in channels
         }
-        if not isinstance(drive, Capstan) or not {"position", "force"} <= set(sensors):
+        if not {"position", "force"} <= set(sensors):
             continue
         position_sensor = sensors["position"]
         position, torque = (
             list(channels).index(sensors[kind].name) for kind in ("position", "force")
         )
         reached = _reached(rig, position_sensor)
+        if reached is None:
+            continue
         for tendon in rig.tendons_of(drive.name):
             way = tendon.winding
-            joint = drive.radius.value / tendon.total_arm
-            if reached is None or position_sensor.bias.total_std * joint > KNOWN:
+            joint = drive.lever / tendon.total_arm
+            if position_sensor.bias.total_std * joint > KNOWN:
                 continue
             end = max(way * reading for reading in reached)
-            loose = tendon.loose
             # zero and play were found at the ends of the ranges: an error of these ranges is in
             # them already, and cancels at the ends
             ranges = max(part.stops_std for part in rig.joints if part.name in tendon.arms())
@@ -363,9 +361,9 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
                     position=position,
                     torque=torque,
                     way=way,
-                    contact=end + loose / drive.radius.value,
+                    contact=end + tendon.loose / drive.lever,
                     room=ROOM + ROOM_STDS * unsure,
-                    give=1.0 / (tendon.stiffness.value * drive.radius.value**2),
+                    give=1.0 / (tendon.stiffness.value * drive.lever**2),
                     joint=joint,
                     same=position_sensor.noise,
                 )
@@ -379,34 +377,24 @@ def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
     They follow from the stops of the joints, from play, and from the uncertainty of the zero; they
     are infinite for other sensors, and where a joint has no stops.
     """
-    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
-    if sensor.measures != "position" or drive is None or drive.kind != "capstan":
-        return -inf, inf
     reached = _reached(rig, sensor)
-    tendon = rig.tendons_of(drive.name)[0]
     if reached is None:
         return -inf, inf
-    room = (
-        2 * sensor.bias.total_std
-        + (2 * tendon.slack.value + BEYOND * tendon.total_arm) / drive.radius.value
-    )
+    tendon = rig.tendons_of(sensor.of)[0]
+    play = 2 * tendon.slack.value + BEYOND * tendon.total_arm
+    room = 2 * sensor.bias.total_std + play / rig.drive(sensor.of).lever
     return reached[0] - room, reached[1] + room
 
 
 def _reached(rig: Rig, sensor: Sensor) -> tuple[float, float] | None:
     """Return what a capstan's position sensor reads with its joints at their stops [rad], None
-    where a joint has no stop.
+    for another sensor and where a joint has no stop.
     """
+    if sensor.measures != "position":
+        return None
     drive = rig.drive(sensor.of)
-    assert isinstance(drive, Capstan)
     tendon = rig.tendons_of(drive.name)[0]
-    stops = {joint.name: joint.stops for joint in rig.joints}
-    low = high = sensor.bias.value
-    for name, arm in tendon.arms().items():
-        ends = stops[name]
-        if ends is None:
-            return None
-        reached = sorted(tendon.winding * arm / drive.radius.value * angle for angle in ends)
-        low = low + reached[0]
-        high = high + reached[1]
-    return low, high
+    stops = [joint.stops for joint in rig.joints if joint.name in tendon.joints]
+    if drive.kind != "capstan" or None in stops:
+        return None
+    return positions_over(rig, drive, tendon, sensor.bias.value)

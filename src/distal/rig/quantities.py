@@ -29,8 +29,6 @@ KEYS = ("value", "std", "drift", "hold", "shared")
 Raw = dict[str, object]
 """A part of a description as a file has it, not yet checked."""
 
-Bound = Literal["any", "nonnegative", "positive"]
-
 
 class Description(BaseModel):
     """Base of every part of a description: frozen, and an unknown key is an error."""
@@ -60,7 +58,7 @@ class In:
     """
 
     si: str
-    bound: Bound = "any"
+    bound: Literal["any", "nonnegative", "positive"] = "any"
     drifts: bool = True
     within: tuple[float, float] = (-inf, inf)
 
@@ -102,7 +100,7 @@ class In:
         if "value" not in raw:
             if set(raw) <= set(KEYS):
                 raise UnitError("has no 'value'; write { value = …, std = … }")
-            return {key: part for key, part in raw.items() if key not in KEYS}
+            return raw  # a key that is not known is refused next
         value = self._scalar(raw["value"])
         drift = raw.get("drift")
         shared = raw.get("shared")
@@ -195,11 +193,7 @@ class Parameter(Description):
     @property
     def total_std(self) -> float:
         """The std of the value from its own error and the shared one together."""
-        return (
-            float(hypot(self.std, self.value * self.shared.std))
-            if self.shared is not None
-            else self.std
-        )
+        return self.std if self.shared is None else hypot(self.std, self.value * self.shared.std)
 
 
 ZERO = Parameter(value=0.0)

@@ -89,7 +89,7 @@ class Rig(Description):
     map: LearnedMaps | None = None
     left_out: LeftOut | None = None
 
-    @field_validator("joints", mode="after")
+    @field_validator("joints")
     @classmethod
     def _chained(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
         for i, joint in enumerate(joints):
@@ -97,19 +97,14 @@ class Rig(Description):
             _check_coupling(i, joint, joints[:i])
         return joints
 
-    @field_validator("tendons", mode="after")
+    @field_validator("tendons")
     @classmethod
     def _tendons_fit(cls, tendons: tuple[Tendon, ...], info: ValidationInfo) -> tuple[Tendon, ...]:
-        joints = info.data.get("joints")
-        drives = info.data.get("drives")
-        if joints is None or drives is None:
+        if not {"joints", "drives"} <= info.data.keys():
             return tendons
         for i, tendon in enumerate(tendons):
-            for role, parts, desired in (
-                ("joint", joints, tendon.joints),
-                ("drive", drives, (tendon.drive,)),
-            ):
-                names = [part.name for part in parts]
+            for role, desired in (("joint", tendon.joints), ("drive", (tendon.drive,))):
+                names = [part.name for part in info.data[f"{role}s"]]
                 for name in desired:
                     if name not in names:
                         raise ValueError(
@@ -121,14 +116,14 @@ class Rig(Description):
     @classmethod
     def _sensor_units(cls, raw: object, info: ValidationInfo) -> object:
         """Find what each sensor measures, so that its errors are read in the right unit."""
-        if any(kind not in info.data for kind in MEASURED):
+        if not MEASURED.keys() <= info.data.keys():
             # a part is refused already; a check of its sensors would only repeat that
             return ()
         if not isinstance(raw, Sequence) or isinstance(raw, str):
             return raw
         return [in_its_unit(table, i, info.data) for i, table in enumerate(raw)]
 
-    @field_validator("sensors", mode="after")
+    @field_validator("sensors")
     @classmethod
     def _log_units(cls, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
         for i, sensor in enumerate(sensors):
@@ -138,10 +133,10 @@ class Rig(Description):
                 raise ValueError(f"{i}.unit: {error}") from None
         return sensors
 
-    @field_validator("map", mode="after")
+    @field_validator("map")
     @classmethod
     def _map_fits(cls, learned: LearnedMaps | None, info: ValidationInfo) -> LearnedMaps | None:
-        if learned is None or any(kind not in info.data for kind in ("sensors", *MEASURED)):
+        if learned is None or not {"sensors", *MEASURED} <= info.data.keys():
             return learned
         sensors, joints = (
             [part.name for part in info.data[kind]] for kind in ("sensors", "joints")
@@ -177,7 +172,7 @@ class Rig(Description):
                         "estimate; choose another"
                     )
         for drive in self.drives:
-            if not any(tendon.drive == drive.name for tendon in self.tendons):
+            if not self.tendons_of(drive.name):
                 raise ValueError(
                     f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's "
                     "'drive'"
@@ -223,7 +218,7 @@ class Rig(Description):
         """
         friction = self.joints[joint].friction
         if friction is not None and friction.reference is not None:
-            return float(friction.reference)
+            return friction.reference
         load = friction.preload.value if friction is not None else 0.0
         tendons = [t for t in self.tendons if self.joints[joint].name in t.joints]
         pulls = {t.drive for t in tendons}
@@ -403,9 +398,9 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
             )
 
 
-def _distinct(names: Sequence[str], what: str) -> None:
+def _distinct(names: list[str], what: str) -> None:
     for name in names:
-        if list(names).count(name) > 1:
+        if names.count(name) > 1:
             raise ValueError(f"{what} '{name}' stands more than once; names must differ")
 
 
@@ -465,26 +460,25 @@ def contact_shape(rig: Rig) -> Floats:
     if len(rig.drives) >= n:
         return np.eye(n)
     before = [rig.parent_of(j) for j in range(n)]
-    at = list[Floats]()
-    chains = list[list[int]]()
-    for j, (joint, parent) in enumerate(zip(rig.joints, before)):
-        at.append(np.array(joint.offset) + (0.0 if parent is None else at[parent]))
-        chains.append([j, *([] if parent is None else chains[parent])])
+    axes = [joint.axis for joint in rig.joints]
+    at = np.array([joint.offset for joint in rig.joints])
+    moved_by = np.eye(n)
+    for j, parent in enumerate(before):
+        if parent is not None:
+            at[j] += at[parent]
+            moved_by[j] += moved_by[parent]
     shape = np.zeros((n, n))
     for j, joint in enumerate(rig.joints):
         ends = [at[k] for k in range(n) if before[k] == j]
         if not ends and joint.link is not None:
             ends = [at[j] + 2 * np.array(joint.link.centre)]
         for end in ends:
-            moves = np.zeros((3, n))
-            for k in chains[j]:
-                moves[:, k] = np.cross(rig.joints[k].axis, end - at[k])
-            shape += moves.T @ moves
+            moves = moved_by[j, :, None] * np.cross(axes, end - at)
+            shape += moves @ moves.T
     largest = float(np.max(np.diag(shape)))
     if largest <= 0.0:
         return np.eye(n)
-    reached = np.diag(shape) > 0.0
-    alone = np.where(reached, ALONE**2, 1.0)
+    alone = np.where(np.diag(shape) > 0.0, ALONE**2, 1.0)
     covariance: Floats = shape / largest + np.diag(alone)
     return covariance
 
@@ -560,14 +554,10 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
 def _joints_of(rig: Rig, path: str) -> list[str]:
     """Return the joints that the number at a path belongs to, or that its tendon or drive moves."""
     kind, index = path.split(".")[:2]
-    part = rig.components[kind][int(index)]
+    at = int(index)
     if kind == "joints":
-        return [part.name]
-    pulled = [
-        tendon
-        for tendon in rig.tendons
-        if part.name == (tendon.name if kind == "tendons" else tendon.drive)
-    ]
+        return [rig.joint_names[at]]
+    pulled = [rig.tendons[at]] if kind == "tendons" else rig.tendons_of(rig.drive_names[at])
     return [name for tendon in pulled for name in tendon.joints]
 
 
@@ -578,13 +568,11 @@ def _part(rig: Rig, names: list[str]) -> Subsystem:
         "drives": [tendon.drive for tendon in pulling],
         "tendons": [tendon.name for tendon in pulling],
     }
+    alone["sensors"] = [s.name for s in rig.sensors if s.of in alone[measurand_of(s).of]]
     chosen = {
         kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own)
         for kind, own in alone.items()
     }
-    chosen["sensors"] = tuple(
-        i for i, sensor in enumerate(rig.sensors) if sensor.of in alone[measurand_of(sensor).of]
-    )
     parts: dict[str, object] = {
         kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }

@@ -62,17 +62,28 @@ ERRORS = ("noise", "linearity", "resolution", "bias")
 """Keys of the errors of a sensor, which may be written in the unit of the log."""
 
 
-def _of_text(text: str, unit: str, size: float) -> object:
-    """Return the size in SI of a text such as ``2 count`` or ``20 mA``; a text in another unit is
-    returned as it is.
+def _in_si(error: object, unit: str, size: float) -> object:
+    """Return an error of a sensor, or a table of it, with texts such as ``2 count`` or ``20 mA`` in
+    SI; what is in another unit stays.
+
+    Args:
+        unit: of the log.
+        size: of this unit in SI.
     """
-    number, _, suffix = text.strip().rpartition(" ")
+    if isinstance(error, Mapping):
+        spreads = ("value", "std", "drift")
+        return {
+            key: _in_si(part, unit, size) if key in spreads else part for key, part in error.items()
+        }
+    if not isinstance(error, str):
+        return error
+    number, _, suffix = error.strip().rpartition(" ")
     try:
         if unit == "count":
-            return to_si(number.strip(), "") * size if suffix in COUNTS else text
-        return to_si(text, unit) * size
+            return to_si(number.strip(), "") * size if suffix in COUNTS else error
+        return to_si(error, unit) * size
     except UnitError:
-        return text
+        return error
 
 
 class SensorBase(Description):
@@ -117,20 +128,10 @@ class SensorBase(Description):
         if scale is None:
             return raw
         unit, unit_size = scale
-        if is_counted and raw.get("unit") in COUNTS and "resolution" not in raw:
-            raw = {**raw, "resolution": unit_size * gear}  # one count is the smallest step
-
-        def converted(error: object, size: float) -> object:
-            if isinstance(error, Mapping):
-                spreads = ("value", "std", "drift")
-                return {
-                    key: converted(part, size) if key in spreads else part
-                    for key, part in error.items()
-                }
-            return _of_text(error, unit, size) if isinstance(error, str) else error
-
+        if is_counted and raw.get("unit") in COUNTS:
+            raw = {"resolution": "1 count", **raw}  # one count is the smallest step
         sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
-        errors = {key: converted(raw[key], size) for key, size in sizes.items() if key in raw}
+        errors = {key: _in_si(raw[key], unit, size) for key, size in sizes.items() if key in raw}
         return {**raw, **errors}
 
     @classmethod
@@ -141,16 +142,12 @@ class SensorBase(Description):
         return None
 
     @model_validator(mode="after")
-    def _unit(self) -> Self:
+    def _consistent(self) -> Self:
         if self.unit in COUNTS and getattr(self, "counts_per_turn", None) is None:
             raise ValueError(
                 "unit: 'count' needs 'counts_per_turn' of an angle's encoder; for others give the "
                 "unit of the number in the log"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _lagging(self) -> Self:
         if self.lag > 0.0 and self.measures != "position":
             raise ValueError(
                 "lag: is of a drive that follows a command; a sensor that is late has a delay"
@@ -296,17 +293,25 @@ def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     if part.stops is not None:
         return part.stops
     tendon = next(t for t in rig.tendons if t.drive == part.name)
-    lever = part.lever
     centre = 0.0 if part.kind == "capstan" else part.nominal_force.value / tendon.stiffness.value
     if len(tendon.joints) == 1:
-        reach = REACH * tendon.total_arm / lever
+        reach = REACH * tendon.total_arm / part.lever
         return centre - reach, centre + reach
-    low = centre
-    high = centre
-    stops = {joint.name: joint.travel for joint in rig.joints}
-    turned = tendon.winding if part.kind == "capstan" else 1
+    return positions_over(rig, part, tendon, centre)
+
+
+def positions_over(
+    rig: Parts, drive: Slider | Capstan, tendon: Tendon, zero: float
+) -> tuple[float, float]:
+    """Return the lowest and the highest position of a drive [m, rad] as the joints of its `tendon`
+    turn from stop to stop; at `zero` all their angles are zero.
+    """
+    low = zero
+    high = zero
+    travels = {joint.name: joint.travel for joint in rig.joints}
+    turned = tendon.winding if drive.kind == "capstan" else 1
     for name, arm in tendon.arms().items():
-        ends = sorted(turned * arm / lever * angle for angle in stops[name])
+        ends = sorted(turned * arm / drive.lever * angle for angle in travels[name])
         low = low + ends[0]
         high = high + ends[1]
     return low, high
@@ -577,8 +582,7 @@ def measurand_of(sensor: Sensor) -> Measurand:
 
 def part_of(sensor: Sensor, rig: Parts) -> int:
     """Return the index of the part that a sensor is of."""
-    parts = {"joints": rig.joints, "drives": rig.drives, "tendons": rig.tendons}
-    return [part.name for part in parts[measurand_of(sensor).of]].index(sensor.of)
+    return [part.name for part in getattr(rig, measurand_of(sensor).of)].index(sensor.of)
 
 
 def travel_of(sensor: Sensor, rig: Parts) -> tuple[float, float]:
@@ -625,10 +629,9 @@ def angle_unit(sensors: Sequence[Sensor]) -> str:
     """
     for role in (Role.REFERENCE, Role.POSITION):
         among = [s for s in sensors if s.si == "rad" and measurand_of(s).role == role]
-        units = [s.unit or "rad" for s in among if s.unit not in COUNTS]
-        if units:
-            in_degrees = unit_factor("deg", "rad") in [unit_factor(u, "rad") for u in units]
-            return "deg" if in_degrees else "rad"
+        factors = [unit_factor(s.unit or "rad", "rad") for s in among if s.unit not in COUNTS]
+        if factors:
+            return "deg" if unit_factor("deg", "rad") in factors else "rad"
     return "rad"
 
 

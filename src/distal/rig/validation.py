@@ -128,7 +128,7 @@ def in_words(root: object, *paths: str) -> str:
         parts_of.setdefault(key, []).append(part)
     phrases = []
     for (what, where, kind), parts in parts_of.items():
-        listed = _get(root, kind) if kind else ()
+        listed = _get(root, kind)
         every = len(listed) if isinstance(listed, (list, tuple)) else 0
         if not kind:
             phrases.append(what)
@@ -148,8 +148,7 @@ def _what(tail: str) -> tuple[str, str]:
     keys = tail.split(".")
     where = ""
     if keys[0] == "crossings" and len(keys) > 2:
-        at = keys[1]
-        keys = keys[2:]
+        _, at, *keys = keys
         where = (
             " at all joints"
             if at == "*"
@@ -229,7 +228,7 @@ def _by_name(message: str, raw: Mapping[str, object]) -> str:
 
 
 def _finding(finding: ErrorDetails) -> str:
-    tags = {"slider", "capstan", *INSERTIONS, *UNITS, "SliderServo", "CapstanServo"}
+    tags = {"slider", "capstan", *INSERTIONS, *UNITS}
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
     keys = [k for i, k in enumerate(finding["loc"]) if not (k in tags and i > 0)]
     path = ".".join(str(key) for key in keys)
@@ -293,16 +292,6 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     """
     keys = path.split(".")
 
-    def indices(items: Sequence[object], key: str, where: str) -> Sequence[int]:
-        """Return which items of a list a key names."""
-        if key == ALL:
-            return range(len(items))
-        index = index_of(items, key)
-        if index is None:
-            hint = did_you_mean(key, names_in(items))
-            raise error(f"--set '{path}': '{where}' has no '{key}'{hint}")
-        return [index]
-
     def replace(parent: object, depth: int, value: object) -> None:
         """Replace the value below the first `depth` keys, which lead to `parent`."""
         key = keys[depth]
@@ -316,12 +305,16 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
         if isinstance(parent, (list, tuple)):
             if is_last and isinstance(parent, tuple):
                 raise error(f"--set '{path}': set the whole of '{where}' instead")
-            for index in indices(parent, key, where):
+            one = None if key == ALL else index_of(parent, key)
+            if one is None and key != ALL:
+                hint = did_you_mean(key, names_in(parent))
+                raise error(f"--set '{path}': '{where}' has no '{key}'{hint}")
+            for index in range(len(parent)) if one is None else [one]:
                 # a table is changed in place: each item gets one of its own
-                copied = deepcopy(value) if key == ALL else value
-                if not is_last:
+                copied = deepcopy(value)
+                if isinstance(parent, tuple) or not is_last:
                     replace(parent[index], depth + 1, copied)
-                elif isinstance(parent, list):
+                else:
                     parent[index] = _merged(parent[index], copied)
         elif not isinstance(parent, MutableMapping):
             raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")

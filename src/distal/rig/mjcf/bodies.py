@@ -1,6 +1,5 @@
-"""MuJoCo models from files; the lengths and moment arms of their tendons at poses, and the
-polynomial of lowest degree in the joints' angles that gives a length; and values for what a model
-does not say.
+"""The lengths and moment arms of a MuJoCo model's tendons at poses, and the polynomial of lowest
+degree in the joints' angles that gives a length; and values for what a model does not say.
 
 Joints and links of a model, as a chain whose frames are all parallel where all angles are zero,
 with the stiffness of the joints' limits and their couplings.
@@ -18,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from math import comb, hypot
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -49,23 +47,6 @@ def mujoco_module() -> ModuleType:
         raise RigError(
             "models of MuJoCo need the package 'mujoco': pip install '.[mujoco]'"
         ) from None
-
-
-def load_model(path: str | Path) -> mujoco.MjModel:
-    """Load a MuJoCo model from an XML file.
-
-    Raises:
-        RigError: there is no such file, or MuJoCo refuses it.
-    """
-    import mujoco
-
-    if not Path(path).is_file():
-        raise RigError(f"{path}: there is no such file")
-    try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except Exception as problem:
-        said = " ".join(str(problem).split())
-        raise RigError(f"{path}: MuJoCo does not take it: {said}") from None
 
 
 EMBEDDED = "distal_rig"
@@ -169,17 +150,15 @@ def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     """Return ∂length/∂q of all tendons from `data` in which their lengths are computed, (n_tendons,
-    n_v); MuJoCo keeps it dense or sparse.
+    n_v).
     """
     import mujoco
 
-    flat = np.ravel(data.ten_J)
-    owner = model if hasattr(model, "ten_J_rownnz") else data
-    if owner is data and not mujoco.mj_isSparse(model):
-        return flat.reshape(model.ntendon, model.nv).copy()
     slopes = np.zeros((model.ntendon, model.nv))
-    columns = np.ravel(owner.ten_J_colind)
-    mujoco.mju_sparse2dense(slopes, flat, owner.ten_J_rownnz, owner.ten_J_rowadr, columns)
+    columns = np.ravel(model.ten_J_colind)
+    mujoco.mju_sparse2dense(
+        slopes, np.ravel(data.ten_J), model.ten_J_rownnz, model.ten_J_rowadr, columns
+    )
     return slopes
 
 
@@ -190,20 +169,17 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     import mujoco
 
     data = mujoco.MjData(model)
-    positions = [model.jnt_qposadr[j] for j in joints]
-    speeds = [model.jnt_dofadr[j] for j in joints]
-    lengths = []
-    arms = []
-    wraps = []
+    positions = model.jnt_qposadr[list(joints)]
+    speeds = model.jnt_dofadr[list(joints)]
+    found = []
     for row in angles:
         data.qpos[positions] = row
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)
-        lengths.append(data.ten_length.copy())
-        arms.append(tendon_slopes(model, data)[:, speeds])
-        wraps.append(data.ten_wrapnum.copy())
-    return Poses(angles, np.array(lengths), np.array(arms), np.array(wraps))
+        arms = tendon_slopes(model, data)[:, speeds]
+        found.append((data.ten_length.copy(), arms, data.ten_wrapnum.copy()))
+    return Poses(angles, *map(np.array, zip(*found)))
 
 
 def over_ranges(
@@ -218,7 +194,7 @@ def over_ranges(
 def turned_by(poses: Poses, tendon: int) -> list[int]:
     """Return which of the joints of some poses a tendon turns, by their positions in `poses`."""
     size = np.abs(poses.arms[:, tendon]).max(axis=0)
-    return [k for k, arm in enumerate(size) if arm > CROSSED * max(float(size.max()), 1e-12)]
+    return [k for k, arm in enumerate(size) if arm > CROSSED * max(size.max(), 1e-12)]
 
 
 LARGEST_ARM_ERROR = 0.01
@@ -279,30 +255,6 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
         lengths: of the tendon, less the length with all of these joints at zero, (k,).
         arms: ∂length/∂angle, (k, n_joints).
     """
-
-    def shortened(full: Excursion, enough: float) -> Excursion:
-        """Return a polynomial with as few terms as leave at most `enough` of each moment arm."""
-        rows, desired = _equations(full.powers, angles, lengths, arms)
-        directions = rows / np.linalg.norm(rows, axis=0)
-        gram = directions.T @ directions
-        explained = desired @ directions
-        chosen = list[int]()
-        left = explained
-        while len(chosen) < len(full.powers):
-            gains = np.abs(left)
-            gains[chosen] = -1.0
-            chosen.append(int(gains.argmax()))
-            weights = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], explained[chosen], rcond=None)[
-                0
-            ]
-            left = explained - gram[:, chosen] @ weights
-            # with a joint that has no term the error is too large in any case
-            if np.all(full.powers[chosen].any(axis=0)):
-                shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
-                if shorter.arm_rms.max() <= enough:
-                    return shorter
-        return full
-
     fits = list[Excursion]()
     joints = angles.shape[1]
     for degree in range(1, HIGHEST_DEGREE + 1):
@@ -310,10 +262,29 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
             break
         fits.append(_fitted(_powers(joints, degree), angles, lengths, arms))
         if fits[-1].arm_rms.max() <= LARGEST_ARM_ERROR:
-            return shortened(fits[-1], LARGEST_ARM_ERROR)
+            break
     least = min(fit.arm_rms.max() for fit in fits)
-    lowest = next(fit for fit in fits if fit.arm_rms.max() <= NEARLY * least)
-    return shortened(lowest, NEARLY * least)
+    enough = LARGEST_ARM_ERROR if least <= LARGEST_ARM_ERROR else NEARLY * least
+    full = next(fit for fit in fits if fit.arm_rms.max() <= enough)
+    rows, desired = _equations(full.powers, angles, lengths, arms)
+    directions = rows / np.linalg.norm(rows, axis=0)
+    gram = directions.T @ directions
+    explained = desired @ directions
+    chosen = list[int]()
+    left = explained
+    while len(chosen) < len(full.powers):
+        gains = np.abs(left)
+        gains[chosen] = -1.0
+        chosen.append(int(gains.argmax()))
+        among = gram[np.ix_(chosen, chosen)]
+        weights = np.linalg.lstsq(among, explained[chosen], rcond=None)[0]
+        left = explained - gram[:, chosen] @ weights
+        # with a joint that has no term the error is too large in any case
+        if np.all(full.powers[chosen].any(axis=0)):
+            shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
+            if shorter.arm_rms.max() <= enough:
+                return shorter
+    return full
 
 
 def _powers(joints: int, degree: int) -> NDArray[np.int64]:
@@ -327,14 +298,14 @@ def _powers(joints: int, degree: int) -> NDArray[np.int64]:
 
 def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Return values, (k, n_terms), and slopes of the terms, (n_joints, k, n_terms)."""
-    raised = angles[:, None, :] ** powers[None]
-    slopes = []
-    for j in range(angles.shape[1]):
-        cofactors = np.prod(np.delete(raised, j, axis=2), axis=2)
-        slopes.append(
-            cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0)
-        )
-    return np.prod(raised, axis=2), np.array(slopes)
+
+    def values(powers: NDArray[np.int64]) -> Floats:
+        products: Floats = np.prod(angles[:, None] ** powers, axis=2)
+        return products
+
+    lower = np.eye(angles.shape[1], dtype=np.int64)
+    slopes = [powers @ one * values(np.maximum(powers - one, 0)) for one in lower]
+    return values(powers), np.array(slopes)
 
 
 def _equations(
@@ -344,7 +315,7 @@ def _equations(
     pose; the others judge the fit.
     """
     size = np.abs(arms).max(axis=0)
-    span = max(float(np.ptp(lengths)), 1e-12)
+    span = max(np.ptp(lengths), 1e-12)
     values, slopes = _terms(angles[::2], powers)
     rows = np.vstack([values / span, *(slopes / size[:, None, None])])
     return rows, np.concatenate([lengths[::2] / span, *(arms[::2] / size).T])
@@ -354,9 +325,7 @@ def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Fl
     rows, desired = _equations(powers, angles, lengths, arms)
     coefficients: Floats = np.linalg.lstsq(rows, desired, rcond=None)[0].astype(np.float64)
     values, slopes = _terms(angles[1::2], powers)
-    left: Floats = np.abs(np.einsum("jkt,t->kj", slopes, coefficients) - arms[1::2]) / np.abs(
-        arms
-    ).max(axis=0)
+    left: Floats = np.abs((slopes @ coefficients).T - arms[1::2]) / np.abs(arms).max(axis=0)
     off = values @ coefficients - lengths[1::2]
     return Excursion(
         powers,
@@ -423,16 +392,15 @@ def described_joints(
     import mujoco
 
     data = mujoco.MjData(model)
-    data.qpos[[model.jnt_qposadr[j] for j in joints]] = 0.0
+    data.qpos[model.jnt_qposadr[list(joints)]] = 0.0
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    frame = data.xmat[int(model.jnt_bodyid[joints[0]])].reshape(3, 3)
+    frame = data.xmat[model.jnt_bodyid[joints[0]]].reshape(3, 3)
     carrier = carried_by(model, joints)
-    root = data.xanchor[joints[0]]
     described = list[Raw]()
     for j in joints:
         parent = parent_of(model, j, joints, carrier)
-        position = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)
+        position = data.xanchor[j] - data.xanchor[parent if parent >= 0 else joints[0]]
         raw: Raw = {
             "name": joint_name(model, j),
             "parent": joint_name(model, parent) if parent >= 0 else "base",
@@ -440,9 +408,7 @@ def described_joints(
             "axis": _rounded(frame.T @ data.xaxis[j], 12),
         }
         bodies = [body for body in range(model.nbody) if carrier[body] == j]
-        link = _link(model, data, bodies, data.xanchor[j], frame, length_unit)
-        if link is not None:
-            raw["link"] = link
+        raw |= _link(model, data, bodies, data.xanchor[j], frame, length_unit)
         dof = model.jnt_dofadr[j]
         raw["inertia"] = max(float(model.dof_armature[dof]) * length_unit**2, SMALLEST_INERTIA)
         raw["damping"] = only_number(model.dof_damping[dof]) * length_unit**2
@@ -465,25 +431,25 @@ def described_joints(
             raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
             raw |= described_stop(model, j, length_unit, coupled)
         described.append(raw)
-    gravity = [float(part) * length_unit for part in model.opt.gravity]
+    gravity = (model.opt.gravity * length_unit).tolist()
     return {"gravity": gravity, "orientation": _rounded(_roll_pitch_yaw(frame), 12)}, described
 
 
 def _link(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    bodies: Sequence[int],
+    bodies: list[int],
     origin: Floats,
     frame: Floats,
     length_unit: float,
-) -> Raw | None:
-    """Return mass, centre and moments of inertia of bodies that move together, in the joint's
-    frame; None if massless.
+) -> Raw:
+    """Return the raw link of bodies that move together, in the joint's frame: mass, centre and
+    moments of inertia; empty if they are massless.
     """
-    masses = np.array([float(model.body_mass[b]) for b in bodies])
+    masses = model.body_mass[bodies]
     if masses.sum() <= 0.0:
-        return None
-    centres = np.array([frame.T @ (data.xipos[b] - origin) for b in bodies])
+        return {}
+    centres = (data.xipos[bodies] - origin) @ frame
     centre = masses @ centres / masses.sum()
     moments = np.zeros(3)
     for mass, position, b in zip(masses, centres, bodies):
@@ -491,11 +457,12 @@ def _link(
         off = position - centre
         shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
         moments += np.diag(turned @ np.diag(model.body_inertia[b]) @ turned.T + shift)
-    return {
+    link = {
         "mass": float(masses.sum()),
         "centre": _rounded(centre * length_unit),
         "inertia": [float(f"{moment:.6g}") for moment in moments * length_unit**2],
     }
+    return {"link": link}
 
 
 def _rounded(values: Floats, digits: int = 9) -> list[float]:
@@ -536,13 +503,11 @@ def described_stop(
     their limits, with stiffness and damping by the joint's limits in MuJoCo; empty where none of
     them has limits. The model's unit of length has `length_unit` metres.
     """
-    ends = [range_of(model, joint)] if model.jnt_limited[joint] else []
+    ends = [list(range_of(model, joint))] if model.jnt_limited[joint] else []
     for pair in coupled:
         if pair.leader == joint and model.jnt_limited[pair.follower]:
-            low, high = sorted(
-                (end - pair.offset) / pair.ratio for end in range_of(model, pair.follower)
-            )
-            ends.append((low, high))
+            limits = range_of(model, pair.follower)
+            ends.append(sorted((end - pair.offset) / pair.ratio for end in limits))
     if not ends:
         return {}
     lows, highs = zip(*ends)
@@ -594,10 +559,9 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
             left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
             continue
         zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
-        low, high = range_of(model, second)
         curve = Polynomial(model.eq_data[i][:5])(Polynomial([-zero[1], 1.0])) + zero[0]
         # a series of Legendre's polynomials, each within ±1: its first two are the nearest line
-        series = curve.convert(domain=[low, high], kind=Legendre)
+        series = curve.convert(domain=range_of(model, second), kind=Legendre)
         line = series.truncate(2)
         offset = float(line(0.0))
         ratio = float(line(1.0)) - offset

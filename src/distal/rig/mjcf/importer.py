@@ -31,7 +31,6 @@ from distal.rig.mjcf.bodies import (
     described_joints,
     fit_excursion,
     joint_name,
-    load_model,
     mujoco_module,
     only_number,
     over_ranges,
@@ -80,19 +79,20 @@ def joint_springs(
                 f"spring '{tendon_name(model, t)}' pulls at several joints ({names}): left out"
             )
     for j in joints:
-        low, high = range_of(model, j)
-        angles = np.linspace(low, high, POSES)
+        angles = np.linspace(*range_of(model, j), POSES)
         relaxed = float(model.qpos_spring[model.jnt_qposadr[j]])
         torque = -only_number(model.jnt_stiffness[j]) * (angles - relaxed)
-        for t in (t for t, crossed in crossing.items() if crossed == [j]):
+        for t, crossed in crossing.items():
+            if crossed != [j]:
+                continue
             along = at_poses(model, [j], angles[:, None])
             low_length, high_length = np.ravel(model.tendon_lengthspring[t])[:2]
             length = along.lengths[:, t]
             stiffness = only_number(model.tendon_stiffness[t])
-            stretched = np.maximum(length - high_length, 0.0) - np.maximum(low_length - length, 0.0)
+            stretched = length - np.clip(length, low_length, high_length)
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
         if np.abs(torque).max() > 0.0:
-            torque = torque * length_unit**2
+            torque *= length_unit**2
             springs[j] = _as_spring(angles, torque)
             rms = _left(springs[j], angles, torque)
             if rms > 0.05 * np.abs(torque).max():
@@ -111,28 +111,25 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
         fitted = np.polynomial.Polynomial.fit(angles, torque, degree).convert()
         slope = fitted.deriv()
         middle = (angles[0] + angles[-1]) / 2
-        relaxed = [
+        # further away it is rounding that bends the curve
+        roots = [
             float(root.real)
             for root in fitted.roots()
-            if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0
+            if abs(root.imag) < 1e-9
+            and -slope(root.real) > 0.0
+            and abs(root.real - middle) <= FARTHEST_REST * span
         ]
-        # further away it is rounding that bends the curve
-        roots = [root for root in relaxed if abs(root - middle) <= FARTHEST_REST * span]
         if roots:
             zero = min(roots, key=lambda root: abs(root - middle))
             second = fitted.deriv(2)(zero) / 2
-            third = fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0
+            third = fitted.deriv(3)(zero) / 6
             spring = {
                 "stiffness": -slope(zero),
                 "rest_angle": zero,
                 "quadratic": -second,
                 "cubic": -third,
             }
-            return {
-                name: float(f"{size:.6g}")
-                for name, size in spring.items()
-                if size or name == "stiffness"
-            }
+            return {name: float(f"{size:.6g}") for name, size in spring.items() if size}
     # the torque does not fall over the range: a weak spring that is relaxed far away
     mean = float(np.mean(torque))
     weak = abs(mean) / (FARTHEST_REST * span)
@@ -189,8 +186,9 @@ def described_crossings(
     notes = list[str]()
     switches = len(np.unique(poses.wraps[:, tendon])) > 1
     if switches or excursion.arm_rms.max() > LARGEST_ARM_ERROR:
-        left = zip(names, excursion.arm_rms)
-        shares = ", ".join(f"{100 * share:.2g} % at {name}" for name, share in left)
+        shares = ", ".join(
+            f"{100 * share:.2g} % at {name}" for name, share in zip(names, excursion.arm_rms)
+        )
         notes.append(
             f"tendon '{name}': "
             + ("its path touches a surface at some angles only; " if switches else "")
@@ -199,20 +197,16 @@ def described_crossings(
         )
     if excursion.degree == 1:
         crossings: list[object] = []
-        for (k,), slope in zip(
-            (np.flatnonzero(row) for row in excursion.powers), excursion.coefficients
-        ):
+        for k, slope in zip(excursion.powers.argmax(axis=1), excursion.coefficients):
             radius = {"value": abs(float(slope)) * length_unit, "std": f"{100 * std:g} %"}
             side = -1 if slope > 0.0 else 1
-            crossings.append(
-                {"joint": names[int(k)], "kind": "pulley", "radius": radius, "side": side}
-            )
+            crossings.append({"joint": names[k], "kind": "pulley", "radius": radius, "side": side})
     else:
         terms = [
-            {"powers": [int(p) for p in powers], "coefficient": float(f"{-c * length_unit:.9g}")}
+            {"powers": powers.tolist(), "coefficient": float(f"{-c * length_unit:.9g}")}
             for powers, c in zip(excursion.powers, excursion.coefficients)
         ]
-        ends = [[float(end) for end in range_of(model, j)] for j in joints]
+        ends = [list(range_of(model, j)) for j in joints]
         scale = {"value": 1.0, "std": std}
         crossings = [
             {"kind": "polynomial", "joints": names, "range": ends, "scale": scale, "terms": terms}
@@ -346,21 +340,20 @@ def other_joints(
 
     kind_of = mujoco.mjtJoint
     kinds = {
-        kind_of.mjJNT_SLIDE: (1, "slides"),
-        kind_of.mjJNT_BALL: (3, "turns every way"),
-        kind_of.mjJNT_FREE: (6, "is free"),
+        kind_of.mjJNT_SLIDE: "slides",
+        kind_of.mjJNT_BALL: "turns every way",
+        kind_of.mjJNT_FREE: "is free",
     }
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     slopes = np.abs(tendon_slopes(model, data))
     notes = list[str]()
     for t, name in driven.items():
-        least = CROSSED * max(float(slopes[t].max()), 1e-12)
+        least = CROSSED * max(slopes[t].max(), 1e-12)
         for j in range(model.njnt):
-            dof = model.jnt_dofadr[j]
-            width, kind = kinds.get(kind_of(model.jnt_type[j]), (1, None))
-            if j in hinges or slopes[t, dof : dof + width].max() <= least:
+            if j in hinges or slopes[t, model.dof_jntid == j].max() <= least:
                 continue
+            kind = kinds.get(kind_of(model.jnt_type[j]))
             if kind is not None:
                 raise RigError(
                     f"tendon '{name}' moves joint '{joint_name(model, j)}', which {kind}; "
@@ -380,31 +373,74 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
     """
     import mujoco
 
-    body = model.jnt_bodyid[first]
-    free = mujoco.mjtJoint.mjJNT_FREE
-    while body > 0 and chain is None:
-        for j in range(model.njnt):
-            if model.jnt_bodyid[j] == body and model.jnt_type[j] == free:
-                raise RigError(
-                    f"the base floats: joint '{joint_name(model, j)}' is free; with --chain BODY "
-                    "it is held where the "
-                    "model has it"
-                )
-        body = model.body_parentid[body]
+    # only a body that sits on the world can float, and it then has no other joint
+    carrying = model.body_rootid[model.jnt_bodyid[first]]
+    joint = model.body_jntadr[carrying]
+    if chain is None and joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+        raise RigError(
+            f"the base floats: joint '{joint_name(model, joint)}' is free; with --chain BODY it is "
+            "held where the model has it"
+        )
 
 
 def kept_joints(
-    hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coupled: Sequence[Coupled]
+    hinges: Sequence[int],
+    turned: Mapping[int, Sequence[int]],
+    coupled: Sequence[Coupled],
+    title: str,
+    chain: str | None,
 ) -> list[int]:
     """Return those of the `hinges` that tendons turn (`turned` as in `other_joints`), and those
     that are coupled to one of these.
+
+    Args:
+        title: of the model, which begins messages.
+        chain: as in `from_mujoco`.
+
+    Raises:
+        RigError: there are none, or too many.
     """
     kept = {hinges[k] for joints in turned.values() for k in joints}
     for coupling in coupled:
         pair = {coupling.leader, coupling.follower}
         if pair & kept and pair <= set(hinges):
             kept |= pair
+    if not kept:
+        where = f" of '{chain}'" if chain is not None else ""
+        raise RigError(f"{title}: no tendon that an actuator pulls turns a joint{where}")
+    if len(kept) > MOST_JOINTS:
+        raise RigError(
+            f"{title}: tendons turn {len(kept)} joints, up to {MOST_JOINTS} are supported; choose "
+            "some with --chain or --joints"
+        )
     return sorted(kept)
+
+
+def opened(model: mujoco.MjModel | str | Path) -> tuple[mujoco.MjModel, str]:
+    """Return a model, which may be given by its file, and its title: its own name, or that of its
+    file.
+
+    Raises:
+        RigError: MuJoCo is not installed, there is no such file, or it is no model.
+    """
+    package = mujoco_module()
+    title = "model"
+    if isinstance(model, (str, Path)):
+        title = Path(model).stem
+        if not Path(model).is_file():
+            raise RigError(f"{model}: there is no such file")
+        try:
+            model = package.MjModel.from_xml_path(str(model))
+        except Exception as problem:
+            said = " ".join(str(problem).split())
+            raise RigError(f"{model}: MuJoCo does not take it: {said}") from None
+    elif not isinstance(model, package.MjModel):
+        raise RigError(
+            f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} "
+            "came"
+        )
+    own = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
+    return model, title if own in ("", "MuJoCo Model") else own
 
 
 def from_mujoco(
@@ -429,20 +465,10 @@ def from_mujoco(
     Raises:
         RigError: no rig can be made of this model; the message names the element.
     """
-    package = mujoco_module()
-    title = "model"
-    if isinstance(model, (str, Path)):
-        title = Path(model).stem
-        model = load_model(model)
-    elif not isinstance(model, package.MjModel):
-        raise RigError(
-            f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} "
-            "came"
-        )
-    name_of_model = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
-    if name_of_model not in ("", "MuJoCo Model"):
-        title = name_of_model
-    text = package.mj_name2id(model, package.mjtObj.mjOBJ_TEXT, EMBEDDED)
+    model, title = opened(model)
+    import mujoco
+
+    text = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, EMBEDDED)
     if text >= 0 and chain is None and joints is None:
         written = bytes(model.text_data)[model.text_adr[text] :].split(b"\0")[0].decode()
         return Imported(build_rig(parse_toml(written, title, RigError), title), written, (), ())
@@ -453,15 +479,7 @@ def from_mujoco(
     notes += other_joints(model, hinges, driven, turned)
     coupled, left = couplings(model)
     notes += left
-    kept = kept_joints(hinges, turned, coupled)
-    if not kept:
-        where = f" of '{chain}'" if chain is not None else ""
-        raise RigError(f"{title}: no tendon that an actuator pulls turns a joint{where}")
-    if len(kept) > MOST_JOINTS:
-        raise RigError(
-            f"{title}: tendons turn {len(kept)} joints, up to {MOST_JOINTS} are supported; choose "
-            "some with --chain or --joints"
-        )
+    kept = kept_joints(hinges, turned, coupled, title, chain)
     check_base(model, kept[0], chain)
     held = [joint_name(model, j) for j in hinges if j not in kept]
     if held:
@@ -497,7 +515,7 @@ def from_mujoco(
         "tendons": tendons,
         "sensors": described_sensors(off, [joint_name(model, j) for j in kept]),
     }
-    imported = Imported.of(raw, title, "model", tuple(notes))
+    imported = Imported.of(raw, title, "model", notes)
     _check_size(imported.rig)
     return imported
 
@@ -510,10 +528,10 @@ def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> Non
 
     joint = mujoco.mjtWrap.mjWRAP_JOINT
     for t, name in driven.items():
-        begin = int(model.tendon_adr[t])
-        wraps = range(begin, begin + int(model.tendon_num[t]))
-        sums = [float(model.wrap_prm[i]) for i in wraps if model.wrap_type[i] == joint]
-        if max(map(abs, sums), default=0.0) > model.stat.extent:
+        begin = model.tendon_adr[t]
+        wraps = slice(begin, begin + model.tendon_num[t])
+        sums = model.wrap_prm[wraps][model.wrap_type[wraps] == joint]
+        if np.abs(sums).max(initial=0.0) > model.stat.extent:
             listed = " and ".join(f"{coefficient:g}" for coefficient in sums)
             raise RigError(
                 f"the fixed tendon '{name}' sums angles: its coefficients {listed} are no lengths. "
