@@ -364,6 +364,18 @@ def test_what_was_done_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
         read_log(path, rig)
 
 
+def test_how_long_a_motor_was_silent_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
+    """A rig whose joint may turn far does not say in which turn its motor is after a gap."""
+    wide = rig.with_values({"joints.0.stops": (-6.0, 6.0)})
+    logged = good.copy()
+    logged[200:800, 0] = np.nan
+    path = tmp_path / "log.csv"
+    rows = [f"{t:.3f},{a % 4096:.0f},{c:.0f}" for t, (a, c) in zip(TIME, logged)]
+    path.write_text("\n".join(["t,angle,current", *rows]))
+    with pytest.warns(DistalWarning, match=r"without a value for 3 s \(1 readings, the first at 4"):
+        read_log(path, wide)
+
+
 def test_a_number_beyond_all_sensors_is_passed_on(rig: Rig, good: Floats) -> None:
     """The estimator takes it as missing, and says so; what comes after it is as before."""
     reader = MessageReader(rig, CHANNELS)

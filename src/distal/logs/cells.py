@@ -12,8 +12,9 @@ import json
 import re
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import inf, isinf, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,12 @@ from distal.arrays import Floats
 from distal.errors import DistalWarning, LogError, UnitError, did_you_mean
 from distal.rig import COUNTS, Rig, Role, Sensor, log_factor, measurand_of
 from distal.units import unit_factor
+
+
+def say(text: str) -> None:
+    """Warn of something in a log."""
+    warnings.warn(text, DistalWarning, stacklevel=4)
+
 
 _UNIT = re.compile(
     r"(.*\S)(?:\s+\[([^\[\]]+)\]|\[(?!\d+\])([^\[\]]+)\]|\s*\((?!\d+\))([^()]+)\)"
@@ -73,11 +80,9 @@ def _is_called(text: str, name: str) -> bool:
     return bool(last) and words[-len(last) :] == last
 
 
-def headers_of(
-    headers: Sequence[str], desired: Collection[str], source: str
-) -> dict[str, tuple[str, str | None]]:
-    """Return desired name → its header and unit, for the columns that are called otherwise: with a
-    unit, in other letters (`Flexor Pos`), or in a path (`/hand/flexor_pos`).
+def headers_of(headers: Sequence[str], desired: Collection[str], source: str) -> dict[str, str]:
+    """Return header → desired name, for the columns that are called otherwise: with a unit, in
+    other letters (`Flexor Pos`), or in a path (`/hand/flexor_pos`).
 
     Args:
         desired: names without units.
@@ -86,7 +91,7 @@ def headers_of(
     Raises:
         LogError: two headers give the same name with a unit.
     """
-    renamed: dict[str, tuple[str, str | None]] = {}
+    name_of = dict[str, str]()
     for name in desired:
         if name in headers:
             continue
@@ -98,43 +103,51 @@ def headers_of(
             )
         alike = by_unit or [t for t in headers if t not in desired and _is_called(t, name)]
         if len(alike) == 1:
-            renamed[name] = alike[0], name_and_unit(alike[0])[1]
-    return renamed
+            name_of[alike[0]] = name
+    return name_of
 
 
-def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
-    """Return the factor that turns a column's numbers into SI, without the sensor's sign.
+def units_of(name_of: Mapping[str, str]) -> dict[str, str]:
+    """Return name → unit, for the headers that give one; see `headers_of`."""
+    units = {name: name_and_unit(text)[1] for text, name in name_of.items()}
+    return {name: unit for name, unit in units.items() if unit is not None}
+
+
+def factor_of(sensor: Sensor, units: Mapping[str, str], source: str) -> float:
+    """Return the factor that turns a column's numbers into SI, with the sensor's sign.
 
     Args:
-        unit: unit in the column's header, or None. It counts before the rig's.
+        units: name → unit, of the columns whose headers give one. It counts before the rig's.
         source: what the log is called in messages.
 
     Raises:
         LogError: the header's unit is no unit of what the sensor measures.
     """
+    unit = units.get(sensor.log_column)
     if unit is None or (unit in PERCENT and measurand_of(sensor).role is Role.EFFORT):
-        return log_factor(sensor)
-    position = f"{source}: column '{header(sensor.log_column, unit)}'"
+        return sensor.sign * log_factor(sensor)
     try:
         if (unit in COUNTS) != (sensor.unit in COUNTS):
             raise UnitError('counts need unit = "count" and counts_per_turn in the rig file')
-        return log_factor(sensor.model_copy(update={"unit": unit}))
+        return sensor.sign * log_factor(sensor.model_copy(update={"unit": unit}))
     except UnitError as problem:
-        raise LogError(f"{position}: {problem}") from None
+        name = header(sensor.log_column, unit)
+        raise LogError(f"{source}: column '{name}': {problem}") from None
 
 
-def time_factor(rig: Rig, unit: str | None, source: str) -> float:
+def time_factor(rig: Rig, units: Mapping[str, str], source: str) -> float:
     """Return the factor that turns a log's stamps into seconds.
 
     Args:
-        unit: unit in the header of the time column, or None. It counts before the rig's.
+        units: name → unit, of the columns whose headers give one. It counts before the rig's.
         source: what the log is called in messages.
 
     Raises:
         LogError: the header's unit is no unit of time.
     """
-    unit = unit or rig.log.time.unit
-    return scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
+    name = rig.log.time.column
+    unit = units.get(name, rig.log.time.unit)
+    return scale(unit, "s", f"{source}: column '{header(name, unit)}'")
 
 
 def scale(unit: str | None, si: str, position: str) -> float:
@@ -167,42 +180,40 @@ ABOVE = 4
 """How many folders above a file its dataset is looked for. Source: judgement."""
 
 
-def numbered(column: str, names: Sequence[str] | None, length: int) -> list[str]:
+def numbered(path: Path, column: str, length: int) -> list[str]:
     """Return the names of the columns for the numbers of a vector.
 
-    They are, for example, ``observation.state.NAME``; where the `names` do not fit, a position from
-    0 stands for each.
+    They are, for example, ``observation.state.NAME``; where the dataset that holds the file gives
+    no names that fit, a position from 0 stands for each.
 
     Args:
         length: how many numbers the vector has.
-    """
-    usable = names is not None and len(names) == length and len(set(names)) == length
-    return [f"{column}.{names[k] if usable and names is not None else k}" for k in range(length)]
-
-
-def component_names_in(path: Path, column: str) -> list[str] | None:
-    """Return the names of the numbers of a vector, from the description of the dataset that holds
-    the file.
-
-    The result is None where there is no dataset, or it gives no names.
 
     Raises:
         LogError: the dataset's description is no JSON object.
+    """
+    names = _names_of_numbers(path, column)
+    is_fitting = len(names) == len(set(names)) == length
+    return [f"{column}.{name}" for name in (names if is_fitting else range(length))]
+
+
+def _names_of_numbers(path: Path, column: str) -> Sequence[object]:
+    """Return the names of the numbers of a vector, from the description of the dataset that holds
+    the file; none where there is no dataset, or it gives none.
     """
     folder = next(
         (parent for parent in list(path.absolute().parents)[:ABOVE] if (parent / INFO).is_file()),
         None,
     )
     if folder is None:
-        return None
-    identified = dataset_info(folder)
-    features = identified.get("features")
-    feature = features.get(column) if isinstance(features, dict) else None
-    names = feature.get("names") if isinstance(feature, dict) else None
+        return []
+    names: object = dataset_info(folder)
+    for key in ("features", column, "names"):
+        names = names.get(key) if isinstance(names, dict) else None
     if isinstance(names, dict):  # by group, {"motors": [...]}, or each with its position
         names = [name if isinstance(of, int) else of for name, of in names.items()]
     if not isinstance(names, list):
-        return None
+        return []
     return [str(name) for of in names for name in (of if isinstance(of, list) else [of])]
 
 
@@ -265,18 +276,17 @@ class Cells:
         """Number of rows below the header."""
         return len(next(iter(self.columns.values()), ()))
 
-    def renamed(self, headers: Mapping[str, tuple[str, str | None]]) -> Cells:
+    def renamed(self, name_of: Mapping[str, str]) -> Cells:
         """Return the same table with columns called by other names.
 
         Args:
-            headers: name → header and unit, as `headers_of` returns them.
+            name_of: header → name, as `headers_of` returns them.
         """
-        name_of = {header: name for name, (header, _) in headers.items()}
         return replace(
             self,
             columns={name_of.get(name, name): cells for name, cells in self.columns.items()},
             names=tuple(name_of.get(header, header) for header in self.names),
-            units={name: unit for name, (_, unit) in headers.items() if unit is not None},
+            units=units_of(name_of),
         )
 
     def values(self, name: str) -> Floats:
@@ -285,7 +295,46 @@ class Cells:
         Raises:
             LogError: a cell is not a finite number; the message says where it is.
         """
-        return parsed_cells(self.columns[name], self.path, name, self.first_row)
+        column = self.columns[name]
+        words = list[int]()
+        if isinstance(column, list):
+            values = _numbers(column)
+            words = [k for k in np.flatnonzero(np.isinf(values)).tolist() if _is_word(column[k])]
+            values[words] = nan
+        elif column.dtype.kind in "iuf":
+            values = column.astype(np.float64, copy=False)
+        else:
+            raise LogError(
+                f"{self.path}: column '{name}' holds {column.dtype}; numbers are expected"
+            )
+        if np.isinf(values).any():
+            raise self._no_number(name, int(np.isinf(values).argmax()))
+        if words and np.isnan(values).all():
+            raise self._no_number(name, words[0])
+        if words:
+            say(
+                f"{self.path}: row {words[0] + self.first_row}, column '{name}': "
+                f"'{column[words[0]].strip()}' is no number: taken as missing, {len(words)} in all"
+            )
+        return values
+
+    def _no_number(self, name: str, k: int) -> LogError:
+        """Return what is wrong with the cell number `k` of a column."""
+        came = str(self.columns[name][k]).strip("\r")
+        if LIST.fullmatch(came.strip()):
+            return LogError(
+                f"{self.path}: column '{name}' holds lists as text, such as '{came[:40]}'; read "
+                "the bag itself, or write each of their numbers into a column of its own"
+            )
+        hint = ""
+        if "," in came:
+            hint = "; write a decimal point, not a comma, and no mark between thousands"
+        elif HEXADECIMAL.fullmatch(came.strip()):
+            hint = "; write it in decimal digits, not in hexadecimal ones"
+        return LogError(
+            f"{self.path}: row {k + self.first_row}, column '{name}': '{came}' is not a finite "
+            f"number{hint} (an empty cell is a missing value)"
+        )
 
     def in_si(self, name: str, si: str) -> Floats:
         """Return a column in SI, by the unit in its header; without a unit there, it is unchanged.
@@ -298,13 +347,12 @@ class Cells:
             unit, si, f"{self.path}: column '{header(name, unit or '')}'"
         )
 
-    def parsed(self, names: Iterable[str]) -> Cells:
+    def parsed(self, names: Sequence[str]) -> Cells:
         """Return the table of some columns, as numbers.
 
         Raises:
             LogError: a column is missing, a cell is no number, or there is no row.
         """
-        names = list(names)
         self.check(names)
         return replace(self, columns={name: self.values(name) for name in names})
 
@@ -314,7 +362,7 @@ class Cells:
             if name not in self.names:
                 for other, column in self.columns.items():
                     if isinstance(column, list) and column and LIST.fullmatch(column[0].strip()):
-                        raise _no_number(self.path, self.first_row, other, column[0])
+                        raise self._no_number(other, 0)
                 raise LogError(
                     f"{self.path}: column '{name}' is missing{did_you_mean(name, self.names)}"
                 )
@@ -322,15 +370,13 @@ class Cells:
             raise LogError(f"{self.path}: has a header but no rows")
 
 
-def compact(cells: list[str], path: Path, name: str, first_row: int) -> Column:
+def compact(cells: list[str]) -> Column:
     """Return cells as numbers, whole ones where all are; unchanged where one is no number."""
     whole = whole_values(cells)
     if whole is not None:
         return whole
-    try:
-        return cells if any(map(_is_word, cells)) else parsed_cells(cells, path, name, first_row)
-    except LogError:
-        return cells
+    values = _numbers(cells)
+    return cells if np.isinf(values).any() else values
 
 
 def whole_values(cells: Column) -> NDArray[np.int64] | None:
@@ -346,52 +392,15 @@ def whole_values(cells: Column) -> NDArray[np.int64] | None:
         return None
 
 
-def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Floats:
-    """Return a column as numbers, with NaN for missing cells.
-
-    Args:
-        first_row: row number of the column's first cell, for the message.
-
-    Raises:
-        LogError: a cell is not a finite number; the message says where it is.
+def _numbers(cells: list[str]) -> Floats:
+    """Return the numbers of cells: NaN of a missing one, infinity of one that holds no finite
+    number.
     """
-    if isinstance(column, list):
-        values = _plain_values(column)
-        if values is None:
-            words = {row: cell for row, cell in enumerate(column, first_row) if _is_word(cell)}
-            texts = ["" if _is_word(cell) else cell for cell in column]
-            values = np.array(
-                [_number(cell, path, name, row) for row, cell in enumerate(texts, first_row)]
-            )
-            for row, cell in list(words.items())[:1]:
-                if np.isnan(values).all():
-                    raise _no_number(path, row, name, cell)
-                warnings.warn(
-                    f"{path}: row {row}, column '{name}': '{cell.strip()}' is no number: taken as "
-                    f"missing, {len(words)} in all",
-                    DistalWarning,
-                    stacklevel=3,
-                )
-        return values
-    if column.dtype.kind not in "iuf":
-        raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
-    values = column.astype(np.float64, copy=False)
-    infinite = np.flatnonzero(np.isinf(values))
-    if len(infinite):
-        raise _no_number(path, int(infinite[0]) + first_row, name, str(column[infinite[0]]))
-    return values
-
-
-def _plain_values(cells: list[str]) -> Floats | None:
-    """Return the numbers of cells that all hold finite numbers, else None.
-
-    This fast way is enough for most logs.
-    """
-    try:
+    with suppress(ValueError):  # this fast way is enough for most logs
         values = np.fromiter(map(float, cells), np.float64, len(cells))
-    except ValueError:
-        return None
-    return values if np.isfinite(values).all() and is_plain("".join(cells)) else None
+        if np.isfinite(values).all() and is_plain("".join(cells)):
+            return values
+    return np.array([_number(cell) for cell in cells])
 
 
 def is_plain(text: str) -> bool:
@@ -408,22 +417,17 @@ WORD = re.compile(r"[^\W\d_]{2}|#")
 
 def _is_word(cell: str) -> bool:
     """Return whether a cell holds a word where a number could be, ``inf`` or ``#DIV/0!``."""
-    text = cell.strip()
-    is_number = any(map(str.isnumeric, text)) and not WORD.search(text)
-    return not is_number and text.lower() not in MISSING
+    return not any(map(str.isnumeric, cell)) or WORD.search(cell) is not None
 
 
-def _number(cell: str, path: Path, name: str, row: int) -> float:
+def _number(cell: str) -> float:
     text = cell.strip()
     if text.lower() in MISSING:
         return nan
-    try:
-        number = float(text) if is_plain(text) else inf
-    except ValueError:
-        number = inf
-    if isinf(number):
-        raise _no_number(path, row, name, cell.strip("\r"))
-    return number
+    with suppress(ValueError):
+        if is_plain(text) and isfinite(float(text)):
+            return float(text)
+    return inf
 
 
 HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9a-fA-F]+")
@@ -431,20 +435,3 @@ HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9a-fA-F]+")
 
 LIST = re.compile(r"[\[(].*[\])]", re.DOTALL)
 """A cell that holds a list as text."""
-
-
-def _no_number(path: Path, row: int, column: str, came: str) -> LogError:
-    if LIST.fullmatch(came.strip()):
-        return LogError(
-            f"{path}: column '{column}' holds lists as text, such as '{came[:40]}'; read the bag "
-            "itself, or write each of their numbers into a column of its own"
-        )
-    hint = ""
-    if "," in came:
-        hint = "; write a decimal point, not a comma, and no mark between thousands"
-    elif HEXADECIMAL.fullmatch(came.strip()):
-        hint = "; write it in decimal digits, not in hexadecimal ones"
-    return LogError(
-        f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty "
-        "cell is a missing value)"
-    )

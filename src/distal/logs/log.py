@@ -21,21 +21,19 @@ from distal.rig import Rig, angle_names, torque_names
 from distal.units import unit_factor
 
 
+def sealed(array: Floats) -> Floats:
+    """Make an array read-only and return it; no copy is made, so no other code may write to it."""
+    array.flags.writeable = False
+    return array
+
+
 def frozen(values: object) -> Floats:
     """Return the values as a read-only float64 array, which is a copy unless they were one
     already.
     """
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
         return values
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
-    return array
-
-
-def sealed(array: Floats) -> Floats:
-    """Make an array read-only and return it; no copy is made, so no other code may write to it."""
-    array.flags.writeable = False
-    return array
+    return sealed(np.array(values, dtype=np.float64))
 
 
 LARGEST_READING = 1e7
@@ -74,7 +72,7 @@ class TruthSource:
     def __str__(self) -> str:
         """Return the source in words."""
         parts = (self.position, "the reference sensor" if self.kind.by_sensor else "")
-        return ", ".join(part for part in parts if part)
+        return ", ".join(filter(None, parts))
 
 
 NO_SOURCE = TruthSource()
@@ -202,9 +200,7 @@ class Log:
         }
 
 
-def check_stamps(
-    time: Floats, source: str, rows: Sequence[int] | NDArray[np.intp] | None = None
-) -> None:
+def check_stamps(time: Floats, source: str, rows: NDArray[np.intp] | None = None) -> None:
     """Raise a `LogError` where a stamp of `time` [s], (n,), is not finite, repeats or goes back.
 
     Args:
@@ -212,7 +208,7 @@ def check_stamps(
         rows: number of each stamp's row in its file; without it, the message counts samples from 0.
     """
     position = "sample" if rows is None else "row"
-    at = range(len(time)) if rows is None else rows
+    at = np.arange(len(time)) if rows is None else rows
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise LogError(
@@ -302,7 +298,8 @@ def earlier(time: Floats, values: Floats, lag: float) -> Floats:
         values: as they were read, (k,).
         lag: negative where the reference is early.
     """
-    finite = np.flatnonzero(np.isfinite(values))
+    seen = np.isfinite(values)
+    finite = np.flatnonzero(seen)
     if len(finite) < 2 or lag == 0.0:
         return values
     stamps = time[finite]
@@ -312,8 +309,6 @@ def earlier(time: Floats, values: Floats, lag: float) -> Floats:
     gap = stamps[after] - stamps[after - 1] > BRIDGED * np.median(np.diff(stamps))
     outside = (at < stamps[0]) | (at > stamps[-1])
     # only as often as the reference has values: between them nothing new is known
-    seen = np.zeros(len(time), dtype=bool)
-    seen[finite] = True
     return np.where(gap | outside | ~seen, np.nan, moved)
 
 
@@ -346,11 +341,9 @@ def jumps_away(values: Floats) -> Bools:
         begin, end = jump[at], jump[at + 1]
         least = min(abs(steps[begin]), abs(steps[end]))
         # a joint that is so fast is fast before and after too
-        beside = max(
-            np.abs(steps[max(begin - 1, 0) : begin]).max(initial=0.0),
-            np.abs(steps[end + 1 : end + 2]).max(initial=0.0),
-        )
-        is_back = abs(steps[begin] + steps[end]) < least / 2.0 and JUMPS * beside < least
+        beside = [*steps[max(begin - 1, 0) : begin], *steps[end + 1 : end + 2]]
+        is_slow_beside = JUMPS * np.abs(beside).max(initial=0.0) < least
+        is_back = abs(steps[begin] + steps[end]) < least / 2.0 and is_slow_beside
         if end - begin <= longest and is_back:
             away[present[begin + 1 : end + 1]] = True
             at += 1
@@ -366,7 +359,7 @@ def said_of_jumps(values: Floats, away: Bools) -> str:
         values: as they were read, (k,).
         away: which of them are away, see `jumps_away`, (k,).
     """
-    first = np.flatnonzero(away & ~np.concatenate([[False], away[:-1]]))
+    first = np.flatnonzero(away & np.diff(away, prepend=False))
     before = values[np.maximum(first - 1, 0)]
     mirrored = np.abs(values[first] + before) < 0.2 * np.abs(values[first] - before)
     how = ", to its mirror image" if np.mean(mirrored) > 0.5 else ""

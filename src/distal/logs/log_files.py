@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import DistalWarning, LogError, did_you_mean
-from distal.logs.cells import Cells, factor_of, scale, time_factor
+from distal.errors import LogError, did_you_mean
+from distal.logs.cells import Cells, factor_of, say, scale, time_factor
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import (
     NO_SOURCE,
@@ -29,9 +28,9 @@ from distal.logs.log import (
     said_of_jumps,
 )
 from distal.logs.outputs import write_whole
-from distal.logs.raw_to_si import TURN, RawToSI, says_nothing, through
-from distal.logs.stamps import Clock, clock_of, in_order, is_time, spread
-from distal.logs.tables import Source, open_table, together
+from distal.logs.raw_to_si import TURN, RawToSI, says_nothing
+from distal.logs.stamps import Clock, clock_of, dated, in_order, is_time, spread
+from distal.logs.tables import Source, Stamped, open_table, together
 from distal.rig import (
     REFERENCES,
     Rig,
@@ -76,74 +75,56 @@ def read_log(
     desired = [sensor.log_column for sensor in needed]
     joints = rig.joint_names
     goals = _goals_of(rig)
+    given = [] if truth is None else [str(truth)]
     optional = [
         *(sensor.log_column for sensor in rig.sensors if sensor.measures in REFERENCES),
         *(column for column, _ in goals.values()),
         *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
+        *given,
     ]
     time_column = rig.log.time.column
     time_rate = rig.log.time.rate
-    asked = [time_column] if time_rate is None else []
-    asked += [*desired, *optional, *([] if truth is None else [str(truth)])]
+    timed = [time_column] if time_rate is None else []
+    asked = [*timed, *desired, *optional]
     cells = open_table(path, asked, time_column, unit_factor(rig.log.time.unit, "s"))
-    column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
+    column = next((name for name in given if _is_column(cells.names, name)), None)
     if time_rate is not None:
         clock = Clock(np.arange(cells.rows) / time_rate)
     else:
         if time_column not in cells.names:
             raise _without_time(open_table(path), time_column, rig)
         cells.check([time_column])
-        factor = time_factor(rig, cells.units.get(time_column), cells.source)
+        factor = time_factor(rig, cells.units, cells.source)
         clock = clock_of(cells, time_column, factor)
-    there = [name for name in [*optional, column] if name in cells.names]
-    table = cells.parsed([*desired, *filter(None, there)])
-    table, clock = _with_whole_rows(table, clock)
+    there = [name for name in optional if name in cells.names]
+    table = cells.parsed([*desired, *there])
+    table, clock = _in_order(rig, *_with_whole_rows(table, clock))
     time = clock.time
-    stamps = clock.stamps
-    rows = in_order(time, table.source, table.first_row)
-    same = np.diff(time[rows]) == 0.0
-    if same.any():
-        _check_repeated(rig, time[rows], table.source)
-    if same.any() and rig.log.time.repeated == "spread":
-        moved = spread(time[rows]) - time[rows]
-        time[rows] += moved
-        if stamps is not None:
-            stamps[rows] += np.round(moved * 1e9).astype(np.int64)
-    elif same.any() and rig.log.time.repeated != "refused":
-        at = len(same) if rig.log.time.repeated == "last" else 0
-        rows = rows[~np.insert(same, at, False)]
-    if not np.array_equal(rows, np.arange(len(time))):
-        table = replace(table, columns={name: table.values(name)[rows] for name in table.columns})
-        time = time[rows]
-        if stamps is not None:
-            stamps = stamps[rows]
-            time = time - time[0]
-    check_stamps(time, table.source, rows + table.first_row)
+    source = table.source
     if len(time) < 2:
-        raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
-    check_unit(time, rig, table.source)
+        raise LogError(f"{source}: has one row; an estimate over time needs at least two")
+    check_unit(time, rig, source)
     readings = _readings(rig, table, time, column, ranged)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
-    angles, origin = _known_angles(rig, table, readings, column, truth, Clock(time, stamps))
+    angles, origin = _known_angles(rig, table, readings, column, truth, clock)
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
         if truth is not None:
-            raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
+            raise LogError(f"{source}: the truth ({origin}) has no value at all")
         angles = {}
         origin = NO_SOURCE  # the reference sensor was never connected
     for theta in angles.values():
         largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
         if largest > 1e6:
             raise LogError(
-                f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
+                f"{source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
             )
     known = angles | _known_torques(rig, table, readings)
     setpoints = {
-        name: table.values(column)
-        * (s.sign * factor_of(s, table.units.get(s.log_column), table.source))
-        for name, (column, s) in goals.items()
+        name: table.values(column) * factor_of(sensor, table.units, source)
+        for name, (column, sensor) in goals.items()
         if column in table.columns
     }
-    return Log(time, channels, known, table.source, origin, stamps, setpoints)
+    return Log(time, channels, known, source, origin, clock.stamps, setpoints)
 
 
 def _without_time(cells: Cells, time_column: str, rig: Rig) -> LogError:
@@ -156,36 +137,70 @@ def _without_time(cells: Cells, time_column: str, rig: Rig) -> LogError:
             stamps = cells.values(name) if not is_time(column) else clock_of(cells, name, 1.0).time
             if len(stamps) > 1 and np.mean(np.diff(stamps) > 0.0) > 0.9:
                 rising.append(name)
-    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
     may_be = " or ".join(f"--set 'log.time.column=\"{name}\"'" for name in rising)
     rises = f"; what rises with the rows may be the time: {may_be}" if rising else ""
     return LogError(
         f"{cells.source}: column '{time_column}' is missing, which is the time{rises}; if rows are "
-        f"evenly spaced, give their rate: --set 'log.time.rate=\"{rate:g} Hz\"'"
+        f"evenly spaced, give their rate: --set 'log.time.rate=\"{_usual_rate(rig):g} Hz\"'"
         f"{did_you_mean(time_column, cells.names)}"
     )
+
+
+def _usual_rate(rig: Rig) -> float:
+    """Return the rate at which a rig's log may have been written [Hz]."""
+    return max((sensor.rate for sensor in rig.sensors), default=100.0)
 
 
 def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
     """Return a table in which rows with near stamps are one, where no row has all values: each
     topic of a recording may have rows of its own.
     """
-    read = {name: np.isfinite(table.values(name)) for name in table.columns}
-    held = {name: has_value for name, has_value in read.items() if has_value.any()}
-    if len(held) < 2 or np.all(list(held.values()), axis=0).any():
+    read = {name: table.values(name) for name in table.columns}
+    held = {name: values for name, values in read.items() if np.isfinite(values).any()}
+    if len(held) < 2 or np.isfinite([*held.values()]).all(axis=0).any():
         return table, clock
-    is_dated = clock.stamps is not None
-    since = clock.stamps if clock.stamps is not None else np.round(clock.time * 1e9)
-    timed = {name: has_value & np.isfinite(clock.time) for name, has_value in held.items()}
-    stamps, columns = together(
-        {name: (since[at].astype(np.int64), table.values(name)[at]) for name, at in timed.items()}
-    )
-    if not np.isfinite(list(columns.values())).all(axis=0).any():
+    since = np.round(clock.time * 1e9) if clock.stamps is None else clock.stamps
+    stamped = dict[str, Stamped]()
+    for name, values in held.items():
+        at = np.isfinite(values) & np.isfinite(clock.time)
+        stamped[name] = since[at].astype(np.int64), values[at]
+    stamps, columns = together(stamped)
+    if not np.isfinite([*columns.values()]).all(axis=0).any():
         return table, clock
     none = np.full(len(stamps), np.nan)
     joined = replace(table, columns={name: columns.get(name, none) for name in table.columns})
-    begin = stamps[0] if is_dated else 0
-    return joined, Clock((stamps - begin) * 1e-9, stamps if is_dated else None)
+    if clock.stamps is not None:
+        return joined, dated(stamps)
+    return joined, Clock(stamps.astype(np.float64) * 1e-9)
+
+
+def _in_order(rig: Rig, table: Cells, clock: Clock) -> tuple[Cells, Clock]:
+    """Return the rows of a table whose stamps rise, and their time; what to do with repeated stamps
+    the rig says.
+    """
+    time = clock.time
+    stamps = clock.stamps
+    rows = in_order(time, table.source, table.first_row)
+    same = np.diff(time[rows]) == 0.0
+    repeated = rig.log.time.repeated
+    if same.any():
+        _check_repeated(rig, time[rows], table.source)
+        if repeated == "spread":
+            moved = spread(time[rows]) - time[rows]
+            time[rows] += moved
+            if stamps is not None:
+                stamps[rows] += np.round(moved * 1e9).astype(np.int64)
+        elif repeated != "refused":
+            at = len(same) if repeated == "last" else 0
+            rows = rows[~np.insert(same, at, False)]
+    if not np.array_equal(rows, np.arange(len(time))):
+        table = replace(table, columns={name: table.values(name)[rows] for name in table.columns})
+        time = time[rows]
+        if stamps is not None:
+            stamps = stamps[rows]
+            time = time - time[0]
+    check_stamps(time, table.source, rows + table.first_row)
+    return table, Clock(time, stamps)
 
 
 def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
@@ -200,7 +215,7 @@ def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
     distinct = len(np.unique(time))
     if 2 * distinct > len(time):
         return
-    rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
+    rate = _usual_rate(rig)
     name = rig.log.time.column
     together = f"{source}: {len(time) / distinct:.0f} rows share each stamp of '{name}': "
     if time[-1] == time[0] or len(time) / (time[-1] - time[0]) < rate / WRONG_UNIT:
@@ -219,7 +234,8 @@ def _known_torques(rig: Rig, table: Cells, readings: Mapping[str, Floats]) -> di
     A simulated log's own true torque comes before a torque sensor's reading.
     """
     names = torque_names(rig.joint_names)
-    known = _of_references(rig, "torque", names, readings) | _simulated(names, "N m", table)
+    sensors = [sensor for sensor in rig.sensors_of("torque") if sensor.name in readings]
+    known = _of_references(rig, sensors, names, readings) | _simulated(names, "N m", table)
     return {name: values for name, values in known.items() if np.isfinite(values).any()}
 
 
@@ -236,31 +252,30 @@ def _known_angles(
     """
     joints = rig.joint_names
     names = angle_names(joints)
+    sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.name in readings]
     if column is not None:
-        source = f"column '{column}'"
-        for sensor in rig.sensors_of("angle"):
-            if sensor.log_column == column:
-                name = names[joints.index(sensor.of)]
-                source += _late(sensor)
-                return {name: readings[sensor.name]}, TruthSource(TruthKind.SENSOR, source)
-        if len(joints) > 1:
-            raise LogError(
-                f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; "
-                f"give a file with t, {', '.join(names)}, or an angle sensor for each joint in the "
-                "rig file"
-            )
-        return {names[0]: table.in_si(column, "rad")}, TruthSource(position=source)
-    if truth is not None:
-        angles = read_truth(truth, clock.time, joints, clock.start)
+        sensors = [sensor for sensor in sensors if sensor.log_column == column]
+        if not sensors:
+            if len(joints) > 1:
+                raise LogError(
+                    f"truth '{column}' is one column, but the rig has the joints "
+                    f"{', '.join(joints)}; give a file with t, {', '.join(names)}, or an angle "
+                    "sensor for each joint in the rig file"
+                )
+            source = TruthSource(position=f"column '{column}'")
+            return {names[0]: table.in_si(column, "rad")}, source
+    elif truth is not None:
+        start = None if clock.stamps is None else int(clock.stamps[0])
+        angles = read_truth(truth, clock.time, joints, start)
         return angles, TruthSource(position=str(truth))
-    angles = _simulated(names, "rad", table)
-    if angles:
-        listed = ", ".join(f"'true_{name}'" for name in angles)
-        return angles, TruthSource(position=f"column {listed}")
-    angles = _of_references(rig, "angle", names, readings)
-    read = [sensor for sensor in rig.sensors_of("angle") if sensor.name in readings]
-    listed = ", ".join(f"'{sensor.log_column}'{_late(sensor)}" for sensor in read)
-    return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
+    else:
+        angles = _simulated(names, "rad", table)
+        if angles:
+            listed = ", ".join(f"'true_{name}'" for name in angles)
+            return angles, TruthSource(position=f"column {listed}")
+    angles = _of_references(rig, sensors, names, readings)
+    listed = ", ".join(f"'{sensor.log_column}'{_late(sensor)}" for sensor in sensors)
+    return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if sensors else NO_SOURCE
 
 
 def _late(sensor: Sensor) -> str:
@@ -268,13 +283,10 @@ def _late(sensor: Sensor) -> str:
 
 
 def _of_references(
-    rig: Rig, kind: str, names: Sequence[str], readings: Mapping[str, Floats]
+    rig: Rig, sensors: Iterable[Sensor], names: Sequence[str], readings: Mapping[str, Floats]
 ) -> dict[str, Floats]:
-    """Return name → what reference sensors of a kind read in SI, of the joints that have one in the
-    log; `names` has one name for each joint.
-    """
+    """Return name → what reference sensors read in SI; `names` has one name for each joint."""
     name_of = dict(zip(rig.joint_names, names))
-    sensors = [sensor for sensor in rig.sensors_of(kind) if sensor.name in readings]
     return {name_of[sensor.of]: readings[sensor.name] for sensor in sensors}
 
 
@@ -296,44 +308,38 @@ def _readings(
     factors = dict[Sensor, float]()
     for sensor in rig.sensors:
         if sensor.log_column in table.columns:
-            unit = table.units.get(sensor.log_column)
             try:
-                factors[sensor] = sensor.sign * factor_of(sensor, unit, table.source)
+                factors[sensor] = factor_of(sensor, table.units, table.source)
             except LogError as problem:
                 if sensor.measures not in REFERENCES or sensor.log_column == truth:
                     raise
-                warnings.warn(f"{problem}: left out", DistalWarning, stacklevel=3)
-    columns = [sensor.log_column for sensor in factors]
-    logged = [table.values(column) for column in columns]
-    to_si = RawToSI(rig, [*factors], np.array([*factors.values()]), ranged=ranged)
-    samples, lines = through(to_si, time, logged, columns)
-    moving = {s.of for s, v in zip(factors, samples) if s.measures == "position" and _changes(v)}
-    for k, sensor in enumerate(factors):
+                say(f"{problem}: left out")
+    to_si = RawToSI(rig, [*factors], factors.values(), ranged=ranged)
+    logged = [table.values(sensor.log_column) for sensor in factors]
+    readings, lines = to_si.through(time, logged)
+    moving = set[str]()
+    for sensor in factors:
+        values = readings[sensor.name]
+        if sensor.measures == "position" and len(np.unique(values[np.isfinite(values)])) > 1:
+            moving.add(sensor.of)
+    for sensor in factors:
         if measurand_of(sensor).role is Role.EFFORT and sensor.of in moving:
-            why = says_nothing(samples[k])
+            why = says_nothing(readings[sensor.name])
             if why is not None:
-                samples[k] = np.full(len(time), np.nan)
+                readings[sensor.name] = np.full(len(time), np.nan)
                 lines.append(f"{sensor.log_column} {why}: left out")
     for line in lines:
-        warnings.warn(f"{table.source}: {line}", DistalWarning, stacklevel=3)
-    readings = {sensor.name: values for sensor, values in zip(factors, samples)}
+        say(f"{table.source}: {line}")
+    stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in factors:
         if sensor.measures in REFERENCES:
-            readings[sensor.name] = _of_reference(sensor, time, readings[sensor.name], table.source)
-    stops = {joint.name: joint.stops for joint in rig.joints}
-    for sensor in rig.sensors_of("angle"):
-        ends = stops[sensor.of]
-        theta = readings.get(sensor.name)
-        if ends is not None and theta is not None and np.isfinite(theta).any():
-            away = float(np.nanmedian(theta)) - (ends[0] + ends[1]) / 2
-            readings[sensor.name] = theta - TURN * round(away / TURN)
+            values = _of_reference(sensor, time, readings[sensor.name], table.source)
+            ends = stops[sensor.of] if sensor.measures == "angle" else None
+            if ends is not None and np.isfinite(values).any():
+                away = float(np.nanmedian(values)) - (ends[0] + ends[1]) / 2
+                values = values - TURN * round(away / TURN)
+            readings[sensor.name] = values
     return readings
-
-
-def _changes(values: Floats) -> bool:
-    """Return whether a column has more than one value."""
-    present = values[np.isfinite(values)]
-    return len(present) > 0 and float(np.ptp(present)) > 0.0
 
 
 def _of_reference(sensor: Sensor, time: Floats, values: Floats, source: str) -> Floats:
@@ -341,14 +347,15 @@ def _of_reference(sensor: Sensor, time: Floats, values: Floats, source: str) -> 
     away = jumps_away(values)
     if away.any():
         line = f"{source}: {sensor.log_column} {said_of_jumps(values, away)}"
-        warnings.warn(line, DistalWarning, stacklevel=4)
+        say(line)
     return earlier(time, np.where(held_samples(values) | away, np.nan, values), sensor.delay)
 
 
 def _simulated(names: Sequence[str], si: str, table: Cells) -> dict[str, Floats]:
     """Return name → the true values in SI that a simulation wrote."""
-    there = [name for name in names if f"true_{name}" in table.columns]
-    return {name: table.in_si(f"true_{name}", si) for name in there}
+    return {
+        name: table.in_si(f"true_{name}", si) for name in names if f"true_{name}" in table.columns
+    }
 
 
 def _is_column(names: tuple[str, ...], name: str) -> bool:
@@ -382,12 +389,13 @@ def read_truth(
     angles = dict[str, Floats]()
     for name, theta in known.items():
         finite = np.isfinite(theta)
-        if not finite.any() or stamps[finite][-1] < time[0] or stamps[finite][0] > time[-1]:
+        at = stamps[finite]
+        if not len(at) or at[-1] < time[0] or at[0] > time[-1]:
             raise LogError(
                 f"{path}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
                 f"the log has {time[0]:g} to {time[-1]:g} s)"
             )
-        angles[name] = np.interp(time, stamps[finite], theta[finite], left=np.nan, right=np.nan)
+        angles[name] = np.interp(time, at, theta[finite], left=np.nan, right=np.nan)
     return angles
 
 
@@ -406,9 +414,12 @@ def read_angles(
     cells = open_table(path, ["t", *names])
     cells.check(["t"])
     unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
-    stamps = clock_of(cells, "t", unit).since(start)
+    clock = clock_of(cells, "t", unit)
+    stamps = clock.time
+    if start is not None and clock.stamps is not None:
+        stamps = (clock.stamps - start).astype(np.float64) * 1e-9
     table = cells.parsed(names)
-    check_stamps(stamps, table.source, range(table.first_row, table.first_row + len(stamps)))
+    check_stamps(stamps, table.source, table.first_row + np.arange(len(stamps)))
     return stamps, {name: table.in_si(name, "rad") for name in names}
 
 
@@ -448,7 +459,7 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     for name, (column, position) in _goals_of(rig).items():
         if name in log.goals:
             columns[column] = position.sign * log.goals[name] / log_factor(position)
-    columns.update({f"true_{name}": values for name, values in log.truth.items()})
+    columns |= {f"true_{name}": values for name, values in log.truth.items()}
     write_columns(columns, path)
 
 

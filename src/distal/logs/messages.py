@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import LogError
-from distal.logs.cells import MISSING, factor_of, headers_of, time_factor
+from distal.logs.cells import MISSING, factor_of, headers_of, time_factor, units_of
 from distal.logs.raw_to_si import RawToSI, Remark
 from distal.rig import Rig
 
@@ -41,18 +41,15 @@ class MessageReader:
         self._rig = rig
         self._sensors = [sensors[channel] for channel in channels]
         self._columns = [sensor.log_column for sensor in self._sensors]
-        self._at: dict[str, int] = {}
+        self._names: list[str] = []
         self._separator = ","
         self._use({})
 
     def _use(self, units: Mapping[str, str]) -> None:
         """Take units of columns, name → unit, before those of the rig."""
-        self._time_factor = time_factor(self._rig, units.get(self._time), "the stream")
-        factors = [
-            sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
-            for sensor in self._sensors
-        ]
-        self._to_si = RawToSI(self._rig, self._sensors, np.array(factors))
+        self._time_factor = time_factor(self._rig, units, "the stream")
+        factors = [factor_of(sensor, units, "the stream") for sensor in self._sensors]
+        self._to_si = RawToSI(self._rig, self._sensors, factors)
 
     def header(self, line: str) -> None:
         """Read the header of a CSV stream, which must come before the first line.
@@ -68,21 +65,20 @@ class MessageReader:
         name, count = Counter(names).most_common(1)[0]
         if count > 1:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
-        headers = headers_of(names, [self._time, *self._columns], "the stream")
-        name_of = {header: name for name, (header, _) in headers.items()}
-        at = {name_of.get(text, text): i for i, text in enumerate(names)}
-        known = ", ".join(at)[:200]
-        if self._time not in at:
+        name_of = headers_of(names, [self._time, *self._columns], "the stream")
+        names = [name_of.get(text, text) for text in names]
+        known = ", ".join(names)[:200]
+        if self._time not in names:
             raise LogError(
                 f"the stream's header lacks the time column '{self._time}' (it has {known})"
             )
-        if at.keys().isdisjoint(self._columns):
+        if set(names).isdisjoint(self._columns):
             raise LogError(
                 f"the stream's header has none of the columns {', '.join(self._columns)} (it has "
                 f"{known})"
             )
-        self._use({name: unit for name, (_, unit) in headers.items() if unit is not None})
-        self._at = at
+        self._use(units_of(name_of))
+        self._names = names
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
@@ -92,7 +88,7 @@ class MessageReader:
     @property
     def absent(self) -> list[str]:
         """Columns of the rig's sensors that the header of a CSV stream lacks."""
-        return [column for column in self._columns if column not in self._at]
+        return [column for column in self._columns if column not in self._names]
 
     def _cells(self, line: str) -> list[str]:
         line = line.strip("\r\n")
@@ -111,9 +107,9 @@ class MessageReader:
             LogError: the line has more or fewer cells than the header, or a cell is no number.
         """
         cells = self._cells(line)
-        if len(cells) != len(self._at):
-            raise LogError(f"{len(cells)} cells came, the header has {len(self._at)}")
-        came = dict(zip(self._at, cells))
+        if len(cells) != len(self._names):
+            raise LogError(f"{len(cells)} cells came, the header has {len(self._names)}")
+        came = dict(zip(self._names, cells))
         time = number_of(came[self._time], self._time) * self._time_factor
         return time, self._in_si(time, (came.get(column) for column in self._columns))
 

@@ -11,7 +11,7 @@ stream gave.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, exp, floor, inf, isfinite, log, log1p, nan, pi, remainder, sqrt
 from typing import Literal
@@ -120,12 +120,13 @@ class Encoder:
         # of what was read bit by bit: a wrong reading does not make a counter of it
         within = self._is_within(*self._read)
         ahead = None
+        kind: Kind | None = None
         if limits.high - limits.low < limits.turn:
             position, kind, ahead = self._in_range(reading, gap)
         elif limits.wraps and within:
             position, kind = self._within_turn(reading, gap)
         else:
-            position, kind = self._counted(reading, gap)
+            position = self._counted(reading, gap)
         self._learn(position)
         if limits.wraps and within and 4.0 * self._usual > limits.turn:
             return nan, "turn", gap  # it goes on too fast to be followed
@@ -169,12 +170,19 @@ class Encoder:
             rate = self._limits.rate if abs(position - first) > self._usual else -self._limits.rate
             self._usual = max(self._usual * exp(rate), SMALLEST)
 
+    def _nearest(self, reading: float, to: float) -> float:
+        """Return the position nearest to another one that a reading may mean [SI]; of no other, the
+        reading.
+        """
+        turn = self._limits.turn
+        return reading + turn * round((to - reading) / turn) if isfinite(to) else reading
+
     def _within_turn(self, reading: float, gap: float) -> tuple[float, Kind | None]:
         """Return the position of an encoder that counts within one turn only."""
         limits = self._limits
         turn = limits.turn
         has_last = isfinite(self._last)
-        near = reading + turn * round((self._last - reading) / turn) if has_last else reading
+        near = self._nearest(reading, self._last)
         kind: Kind | None = None
         # between two samples of the usual interval nobody can do better than the nearest turn
         silent = gap > limits.unusual * limits.interval and limits.fastest * gap >= turn / 2
@@ -221,37 +229,35 @@ class Encoder:
         Out of range without a jump, a tendon broke or a spool slipped.
         """
         limits = self._limits
-        turn = limits.turn
-        near = reading
-        if isfinite(self._last):
-            near += turn * round((self._last - reading) / turn)
-        elif limits.begins and not limits.wraps:
+        has_last = isfinite(self._last)
+        near = self._nearest(reading, self._last)
+        if not has_last and limits.begins and not limits.wraps:
             self._is_ranged = limits.low <= reading <= limits.high
         goes_on = abs(near - self._last) <= limits.fastest * min(gap, limits.interval)
         if self._is_ranged and not limits.low <= near <= limits.high and not goes_on:
-            anew = reading + turn * round(((limits.low + limits.high) / 2 - reading) / turn)
+            anew = self._nearest(reading, (limits.low + limits.high) / 2)
             near = anew if limits.low <= anew <= limits.high else near
-        restarts = gap >= limits.boots and abs(near - reading - self.ahead) > turn / 2
-        if limits.wraps or restarts or not isfinite(self._last):
+        restarts = gap >= limits.boots and abs(near - reading - self.ahead) > limits.turn / 2
+        if limits.wraps or restarts or not has_last:
             return near, "restarted" if restarts and not limits.wraps else None, near - reading
         return near, None, self.ahead
 
-    def _counted(self, reading: float, gap: float) -> tuple[float, Kind | None]:
+    def _counted(self, reading: float, gap: float) -> float:
         """Return the position of an encoder that counts its turns, or a wrapped one if all that it
         has read is within one turn.
         """
         limits = self._limits
         position = reading + self.ahead
         if not abs(position - self._last) >= limits.turn / 2:
-            return position, None
+            return position
         within = self._is_within(min(self._read[0], reading), max(self._read[1], reading))
-        near = reading + limits.turn * round((self._last - reading) / limits.turn)
+        near = self._nearest(reading, self._last)
         # without a range nothing speaks for one turn
         is_inside = isfinite(limits.low) and limits.low <= position <= limits.high
         soon = limits.fastest * gap < limits.turn / 2
         if within and (soon or not is_inside) and limits.low <= near <= limits.high:
-            return near, None
-        return position, None
+            return near
+        return position
 
 
 def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: bool) -> Encoder:
@@ -262,10 +268,11 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
         ranged: whether the joint's range says in which turn it is.
         doubting: whether a log begins where its first reading is.
     """
-    counts = sensor.counts_per_turn if isinstance(sensor, AngleSensor) else None
-    turn = TURN / sensor.gear if isinstance(sensor, AngleSensor) else inf
-    if counts is not None:
-        turn = abs(factor) * counts
+    counts = None
+    turn = inf
+    if isinstance(sensor, AngleSensor):
+        counts = sensor.counts_per_turn
+        turn = TURN / sensor.gear if counts is None else abs(factor) * counts
     wraps = counts is not None and sensor.measures == "position"
     low, high = motor_range(rig, sensor) if ranged else (-inf, inf)
     begins = doubting and sensor.measures == "position"
@@ -276,16 +283,15 @@ def encoder_of(rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: 
             begins = False
             low = first - room
             high = last + room
-    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
-    servo = None if drive is None or drive.servo is None else drive.servo.fastest
+    servos = {drive.name: drive.servo for drive in rig.drives}
     return Encoder(
         Limits(
             turn=turn,
             wraps=wraps,
             low=low,
             high=high,
-            fastest=servo or Limits.fastest,
-            begins=begins and drive is not None,
+            fastest=getattr(servos.get(sensor.of), "fastest", None) or Limits.fastest,
+            begins=begins,
             interval=1.0 / sensor.rate,
         )
     )
@@ -373,69 +379,43 @@ class RawToSI:
             routine they do not.
         doubting: whether readings that may be old are missing; what moves motors looks at them
             itself.
+
+    Attributes:
+        remarks: what was done with the readings of the last sample.
     """
 
     def __init__(
         self,
         rig: Rig,
         sensors: Sequence[Sensor],
-        factors: Floats,
+        factors: Iterable[float],
         *,
         ranged: bool = True,
         doubting: bool = True,
     ) -> None:
-        self._sensors = tuple(sensors)
-        self._factors = [float(factor) for factor in factors]
-        self._registers = [_Register(getattr(s, "counts_per_turn", None)) for s in sensors]
-        # an encoder within a turn may be anywhere in it
-        self._counts = [getattr(s, "counts_per_turn", None) or 0 for s in sensors]
-        self._noises = [_Noise() for _ in sensors]
+        self._channels = [
+            _Channel(rig, sensor, float(factor), ranged, doubting)
+            for sensor, factor in zip(sensors, factors)
+        ]
         self._doubting = doubting
-        self._moving = [i for i, sensor in enumerate(sensors) if sensor.measures not in REFERENCES]
-        self._encoders = {
-            i: encoder_of(rig, sensor, self._factors[i], ranged, doubting)
-            for i, sensor in enumerate(sensors)
-            if sensor.measures in ("position", "angle")
-        }
-        self._remarks: tuple[Remark, ...] = ()
-
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """What was done with the readings of the last sample."""
-        return self._remarks
-
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors of a sample."""
-        return tuple(sensor.name for sensor in self._sensors)
+        self.remarks: tuple[Remark, ...] = ()
 
     @property
     def in_doubt(self) -> tuple[str, ...]:
         """Drives that may be in several turns."""
-        return tuple(
-            self._sensors[i].of for i, encoder in self._encoders.items() if encoder.in_doubt
-        )
+        encoders = ((channel.sensor.of, channel.encoder) for channel in self._channels)
+        return tuple(of for of, encoder in encoders if encoder is not None and encoder.in_doubt)
 
     def ahead(self, i: int) -> float:
         """Return how much a channel's position is ahead of its reading, whole turns [SI]."""
-        return self._encoders[i].ahead if i in self._encoders else 0.0
+        encoder = self._channels[i].encoder
+        return 0.0 if encoder is None else encoder.ahead
 
     def follow(self, other: RawToSI) -> None:
         """Go on in the turns in which encoders of another conversion that wrap are now."""
-        for i, encoder in self._encoders.items():
-            encoder.follow(other._encoders[i])
-
-    def learn_registers(self, logged: Sequence[Floats]) -> None:
-        """Learn what registers mean from a whole log, so that it holds from its first sample on.
-
-        Args:
-            logged: numbers of each sensor, NaN where missing, (k,) each.
-        """
-        turns = (getattr(sensor, "counts_per_turn", None) for sensor in self._sensors)
-        self._registers = [
-            _Register.learned(values, turn) or register
-            for register, values, turn in zip(self._registers, logged, turns)
-        ]
+        for mine, theirs in zip(self._channels, other._channels):
+            if mine.encoder is not None and theirs.encoder is not None:
+                mine.encoder.follow(theirs.encoder)
 
     def take(self, time: float, logged: Sequence[float]) -> Floats:
         """Return a sample in SI, (n,), NaN where a value is missing.
@@ -445,55 +425,105 @@ class RawToSI:
             logged: numbers, NaN where missing, (n,).
         """
         remarks = list[Remark]()
-        sample = np.full(len(self._sensors), nan)
-        old = self._old(logged, remarks) if self._doubting else [False] * len(logged)
-        for i, number in enumerate(logged):
-            if number != number or old[i]:
+        sample = np.full(len(self._channels), nan)
+        old = self._old(logged, remarks) if self._doubting else []
+        for i, (channel, number) in enumerate(zip(self._channels, logged)):
+            name = channel.sensor.name
+            if number != number or channel in old:
                 continue
-            if number in FULL and not 0.0 <= number < self._counts[i]:
-                remarks.append(Remark("full", self._sensors[i].name))
+            if number in FULL and not 0.0 <= number < (channel.turn or 0):
+                remarks.append(Remark("full", name))
                 continue
-            if not abs(number * self._factors[i]) <= LARGEST_READING:
-                sample[i] = number * self._factors[i]  # the estimator takes it as missing
-                continue
-            register = self._registers[i]
-            value = register.decoded(number) * self._factors[i]
-            if register.bit:
-                remarks.append(Remark("decoded", self._sensors[i].name))
-            encoder = self._encoders.get(i)
-            if encoder is not None:
-                value, kind, size = encoder.take(time, value)
-                if kind is not None:
-                    remarks.append(Remark(kind, self._sensors[i].name, size))
-            if value == value:
-                # in logged numbers, without the rounding of whole turns
-                self._noises[i].learn(round(value / self._factors[i], 9))
-            sample[i] = value
-        self._remarks = tuple(remarks)
+            value = number * channel.factor
+            if abs(value) <= LARGEST_READING:
+                value = channel.register.decoded(number) * channel.factor
+                if channel.register.bit:
+                    remarks.append(Remark("decoded", name))
+                if channel.encoder is not None:
+                    value, kind, size = channel.encoder.take(time, value)
+                    if kind is not None:
+                        remarks.append(Remark(kind, name, size))
+                if value == value:
+                    # in logged numbers, without the rounding of whole turns
+                    channel.noise.learn(round(value / channel.factor, 9))
+            sample[i] = value  # the estimator takes what is beyond all sensors as missing
+        self.remarks = tuple(remarks)
         return sample
 
-    def _old(self, logged: Sequence[float], remarks: list[Remark]) -> list[bool]:
-        """Return which readings are old ones: alone, or all together, they repeat more often than
-        chance lets them.
+    def through(
+        self, time: Floats, logged: Sequence[Floats]
+    ) -> tuple[dict[str, Floats], list[str]]:
+        """Return sensor → its readings over a log [SI], (k,) each, and a sentence on each
+        thing that the conversion did.
+
+        Args:
+            time: stamps [s], (k,).
+            logged: numbers of each sensor, NaN where missing, (k,) each.
+        """
+        samples = np.empty((len(logged), len(time)))
+        counts = Counter[tuple[Kind, str]]()
+        firsts = dict[tuple[Kind, str], tuple[Remark, float]]()
+        # what registers mean holds from the first sample on
+        for channel, values in zip(self._channels, logged):
+            channel.register = _Register.learned(values, channel.turn) or channel.register
+        # a view gives one number after the other, so that they are never all in memory as objects
+        for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):
+            samples[:, k] = self.take(stamp, row)
+            for remark in self.remarks:
+                # where a log begins it is taken as it is
+                if remark.kind != "unknown turn":
+                    thing = remark.kind, remark.sensor
+                    counts[thing] += 1
+                    firsts.setdefault(thing, (remark, stamp))
+        sensors = [channel.sensor for channel in self._channels]
+        column_of = {sensor.name: sensor.log_column for sensor in sensors}
+        lines = [
+            f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[thing]} "
+            f"readings, the first at {first:g} s)"
+            for thing, (remark, first) in firsts.items()
+        ]
+        return {sensor.name: sealed(values) for sensor, values in zip(sensors, samples)}, lines
+
+    def _old(self, logged: Sequence[float], remarks: list[Remark]) -> list[_Channel]:
+        """Return the channels whose readings are old ones: alone, or all together, they repeat more
+        often than chance lets them.
         """
         runs = {
-            i: self._noises[i].repeats(logged[i]) for i in self._moving if logged[i] == logged[i]
+            channel: channel.noise.repeats(number)
+            for channel, number in zip(self._channels, logged)
+            if channel.sensor.measures not in REFERENCES and number == number
         }
-        old = [False] * len(self._sensors)
         if not any(runs.values()):
-            return old
-        chances = {i: self._noises[i].chance for i in runs}
+            return []
+        chances = {channel: channel.noise.chance for channel in runs}
         if min(runs.values()) * sum(chances.values()) < log(IMPROBABLE):
             remarks.append(Remark("repeated", ""))
-            for i in runs:
-                old[i] = True
-            return old
-        for i, run in runs.items():
-            # alone, a reading with few steps may as well be at rest
-            if self._noises[i].is_fine and run * chances[i] < log(IMPROBABLE):
-                remarks.append(Remark("repeated", self._sensors[i].name))
-                old[i] = True
+            return [*runs]
+        # alone, a reading with few steps may as well be at rest
+        old = [
+            channel
+            for channel, run in runs.items()
+            if channel.noise.is_fine and run * chances[channel] < log(IMPROBABLE)
+        ]
+        remarks += [Remark("repeated", channel.sensor.name) for channel in old]
         return old
+
+
+class _Channel:
+    """What the numbers of one sensor pass."""
+
+    def __init__(
+        self, rig: Rig, sensor: Sensor, factor: float, ranged: bool, doubting: bool
+    ) -> None:
+        self.sensor = sensor
+        self.factor = factor
+        # counts of an encoder within a turn
+        self.turn = getattr(sensor, "counts_per_turn", None)
+        self.register = _Register(self.turn)
+        self.noise = _Noise()
+        self.encoder: Encoder | None = None
+        if sensor.measures in ("position", "angle"):
+            self.encoder = encoder_of(rig, sensor, factor, ranged, doubting)
 
 
 class _Register:
@@ -516,11 +546,11 @@ class _Register:
         where nothing was decoded.
         """
         present = values[np.isfinite(values)]
-        bits = [bit for bit, _ in REGISTERS]
+        least = 2.0 ** min(bit for bit, _ in REGISTERS)
         largest = float(np.max(present, initial=0.0))
         jump = float(np.max(np.abs(np.diff(present)), initial=0.0))
         # what has no bit of a sign, or never changes one that positions use too, needs no look
-        if largest < 2.0 ** min(bits) or (largest < 2.0**15 and jump < 2.0 ** (min(bits) - 1)):
+        if largest < least or (largest < 2.0**15 and jump < least / 2):
             return None
         register = cls(turn)
         found = False
@@ -690,39 +720,3 @@ FEWEST = 50
 NORMAL_MEDIAN = 0.6745
 """Median of absolute values of a normal error per its std [1]. Source: definition (75 % quantile).
 """
-
-
-def through(
-    to_si: RawToSI,
-    time: Floats,
-    logged: Sequence[Floats],
-    columns: Sequence[str],
-) -> tuple[list[Floats], list[str]]:
-    """Return the readings of each sensor over a log [SI], (k,) each, and a sentence on each thing
-    that the conversion did.
-
-    Args:
-        time: stamps [s], (k,).
-        logged: numbers of each sensor, NaN where missing, (k,) each.
-        columns: names of the columns by the sensors' order, as the log has them.
-    """
-    samples = np.empty((len(logged), len(time)))
-    counts = Counter[Remark]()
-    to_si.learn_registers(logged)
-    firsts = dict[Remark, float]()
-    # a view gives one number after the other, so that they are never all in memory as objects
-    for k, (stamp, *row) in enumerate(zip(time.data, *(values.data for values in logged))):
-        samples[:, k] = to_si.take(stamp, row)
-        for remark in to_si.remarks:
-            # where a log begins it is taken as it is
-            if remark.kind != "unknown turn":
-                same = replace(remark, size=0.0)
-                counts[same] += 1
-                firsts.setdefault(same, stamp)
-    column_of = dict(zip(to_si.sensors, columns))
-    lines = [
-        f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[remark]} "
-        f"readings, the first at {first:g} s)"
-        for remark, first in firsts.items()
-    ]
-    return [sealed(values) for values in samples], lines

@@ -6,7 +6,6 @@ Time counts from the start of a log with dates; its original stamps are kept.
 from __future__ import annotations
 
 import re
-import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.errors import DistalWarning, LogError
-from distal.logs.cells import Cells, Column, whole_values
+from distal.errors import LogError
+from distal.logs.cells import Cells, Column, say, whole_values
 from distal.logs.raw_to_si import IMPROBABLE
 
 Stamps = NDArray[np.int64]
@@ -68,22 +67,6 @@ class Clock:
     time: Floats
     stamps: Stamps | None = None
 
-    @property
-    def start(self) -> int | None:
-        """When the log begins, since 1970 [ns]; None for a log without dates."""
-        return None if self.stamps is None else int(self.stamps[0])
-
-    def since(self, start: int | None) -> Floats:
-        """Return the time counted from the `start` of another log [s], (n,).
-
-        Args:
-            start: when the other log begins, since 1970 [ns]. Where either log has no dates, the
-                time is returned unchanged.
-        """
-        if start is None or self.stamps is None:
-            return self.time
-        return np.asarray((self.stamps - start) * 1e-9, dtype=np.float64)
-
 
 def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     """Return the time of a table's rows.
@@ -102,8 +85,8 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     column = cells.columns[name]
     if is_time(column):
         if not isinstance(column, list) or is_date(column[0].strip()):
-            return _clock(_dates(column, cells.path, name, cells.first_row))
-        return Clock(_of_day(column, cells.path, name, cells.first_row))
+            return dated(_dates(column, cells, name))
+        return Clock(_of_day(column, cells, name))
     counts = whole_values(column)
     values = cells.values(name) if counts is None else counts
     return _counted(values, unit, name, cells.path)
@@ -115,11 +98,12 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
     """
     is_counter = values.dtype == np.int64 and len(values) > 1 and values.min() >= 0
     for period in COUNTERS if is_counter else ():
-        steps = np.diff(np.unwrap(values, period=period))
+        unwrapped = np.unwrap(values, period=period)
+        steps = np.diff(unwrapped)
         anew = np.diff(values) < 0
         # beyond its last number a counter goes on as before
         if values.max() < period and np.abs(steps[anew]).max(initial=0) <= 2 * np.median(steps):
-            values = np.unwrap(values, period=period)
+            values = unwrapped
     finite = np.abs(values[np.isfinite(values)])
     usual = float(np.median(finite)) if len(finite) else 0.0
     if usual * unit < EPOCH:
@@ -132,11 +116,11 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
                 "unit has it? (log.time.unit)"
             )
         unit = fits[0]
-    far = ~(np.abs(values.astype(np.float64)) * unit < LATEST_DATE) & np.isfinite(values)
+    far = np.abs(values.astype(np.float64)) * unit >= LATEST_DATE
     first = values[~far & np.isfinite(values)][0]
     values = np.where(far, first, values)
     if values.dtype == np.int64:
-        clock = _clock(values * np.int64(round(unit * 1e9)))
+        clock = dated(values * np.int64(round(unit * 1e9)))
     else:
         # differences of floats are exact where the stamps themselves are near each other
         time = (values - first) * unit
@@ -146,11 +130,12 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
     return Clock(np.where(far, np.inf, clock.time), clock.stamps)
 
 
-def _clock(stamps: Stamps) -> Clock:
+def dated(stamps: Stamps) -> Clock:
+    """Return the time of samples with dates [ns since 1970], (n,)."""
     return Clock((stamps - stamps[0]) * 1e-9, stamps)
 
 
-def _dates(column: Column, path: Path, name: str, first_row: int) -> Stamps:
+def _dates(column: Column, cells: Cells, name: str) -> Stamps:
     """Return dates as nanoseconds since 1970, none of which may be missing."""
     if isinstance(column, list):
         dates = np.array([_one_date(cell.strip()) for cell in column], "datetime64[ns]")
@@ -161,21 +146,21 @@ def _dates(column: Column, path: Path, name: str, first_row: int) -> Stamps:
     bad = np.flatnonzero(np.isnat(dates))
     if len(bad):
         raise LogError(
-            f"{path}: row {bad[0] + first_row}, column '{name}': '{column[bad[0]]}' is no date; "
-            "ISO text such as 2026-11-20T21:02:47.5Z is one"
+            f"{cells.path}: row {bad[0] + cells.first_row}, column '{name}': '{column[bad[0]]}' "
+            "is no date; ISO text such as 2026-11-20T21:02:47.5Z is one"
         )
     return dates.astype(np.int64)
 
 
-def _of_day(column: list[str], path: Path, name: str, first_row: int) -> Floats:
+def _of_day(column: list[str], cells: Cells, name: str) -> Floats:
     """Return times of day since the first one [s]; over midnight they go on."""
     time = np.empty(len(column))
     for k, cell in enumerate(column):
         match = CLOCK.fullmatch(cell.strip())
         if match is None:
             raise LogError(
-                f"{path}: row {k + first_row}, column '{name}': '{cell}' is no time of day, such "
-                "as 21:02:47.5 or 9:02:47 PM"
+                f"{cells.path}: row {k + cells.first_row}, column '{name}': '{cell}' is no time "
+                "of day, such as 21:02:47.5 or 9:02:47 PM"
             )
         first, second, third, fraction, half = match.groups()
         if fraction is not None:
@@ -204,12 +189,10 @@ def spread(time: Floats) -> Floats:
     """
     begins = np.flatnonzero(np.diff(time, prepend=-np.inf) != 0.0)
     counts = np.diff(begins, append=len(time))
-    lengths = np.diff(time[begins])
-    usual = float(np.median(lengths / counts[:-1]))
-    steps = np.append(lengths / counts[:-1], usual)
-    at = np.repeat(time[begins], counts)
+    steps = np.diff(time[begins]) / counts[:-1]
+    usual = float(np.median(steps))
     of_row = np.arange(len(time)) - np.repeat(begins, counts)
-    even = at + of_row * np.repeat(steps, counts)
+    even = time + of_row * np.repeat([*steps, usual], counts)
     first = counts[0]
     even[:first] = time[begins[1]] - usual * np.arange(first, 0, -1)
     return np.asarray(even)
@@ -257,11 +240,11 @@ def wild_stamps(stamps: Floats | Stamps) -> Bools:
     if 2.0 ** (2 - len(now)) >= IMPROBABLE:
         wild[:2] = wild[-2:] = False
     else:
-        for end, first, second, other in ((0, 1, 2, -1), (-1, -2, -3, 0)):
-            off = min(abs(now[first] - now[end]), abs(now[second] - now[end]))
-            wild[end] = off > abs(now[first] - now[other])
+        for inwards, is_wild in ((now, wild), (now[::-1], wild[::-1])):
+            off = np.abs(inwards[1:3] - inwards[0]).min()
+            is_wild[0] = off > abs(inwards[1] - inwards[-1])
     wild |= np.isinf(now)
-    beside = np.concatenate([[False], wild, [False]])
+    beside = np.pad(wild, 1)
     alone: Bools = wild & ~beside[:-2] & ~beside[2:]
     return alone
 
@@ -276,7 +259,7 @@ def set_backs(stamps: Floats | Stamps) -> NDArray[np.int64]:
             i
             for i in back
             if i + REWOUND <= len(stamps)
-            and (stamps[i + 1 : i + REWOUND] > stamps[i : i + REWOUND - 1]).all()
+            and (np.diff(stamps[i : i + REWOUND]) > 0).all()
             and stamps[i + REWOUND - 1] < stamps[i - 1]
         ],
         dtype=np.int64,
@@ -290,11 +273,9 @@ def longest_part(ends: NDArray[np.int64], n: int, source: str) -> slice:
     edges = [0, *ends.tolist(), n]
     at = int(np.argmax(np.diff(edges)))
     if len(ends):
-        warnings.warn(
+        say(
             f"{source}: the clock was set back {len(ends)} times; only part {at + 1} of "
-            f"{len(ends) + 1} is read, the longest",
-            DistalWarning,
-            stacklevel=4,
+            f"{len(ends) + 1} is read, the longest"
         )
     return slice(edges[at], edges[at + 1])
 
@@ -318,11 +299,9 @@ def in_order(time: Floats, source: str, first_row: int) -> NDArray[np.intp]:
     steps = np.diff(time[rows])
     # of two runs some rows are nearer than half a step
     if len(ends) and 2.0 * np.diff(time[sorted_rows]).min() > np.median(steps[steps > 0.0]):
-        warnings.warn(
+        say(
             f"{source}: rows were not in the order of their stamps: sorted; did the clock begin "
-            "anew?",
-            DistalWarning,
-            stacklevel=3,
+            "anew?"
         )
         return sorted_rows
     return rows[longest_part(ends, len(rows), source)]
@@ -332,8 +311,4 @@ def say_wild(source: str, wild: Bools, first: str) -> None:
     """Warn where stamps are wild; `first` says where the first one is."""
     count = int(wild.sum())
     if count:
-        warnings.warn(
-            f"{source}: {first} left out, {count} in all: a stamp missing, out of order or far off",
-            DistalWarning,
-            stacklevel=4,
-        )
+        say(f"{source}: {first} left out, {count} in all: a stamp missing, out of order or far off")

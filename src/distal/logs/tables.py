@@ -10,20 +10,19 @@ Every error names the file, row and column, the value found, and what is allowed
 from __future__ import annotations
 
 import re
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.errors import DistalWarning, LogError, did_you_mean
+from distal.errors import LogError, did_you_mean
 from distal.logs.cells import (
     INFO,
     Cells,
@@ -33,6 +32,7 @@ from distal.logs.cells import (
     headers_of,
     name_and_unit,
     needed,
+    say,
 )
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
 from distal.logs.formats.parquet import read_parquet
@@ -71,6 +71,17 @@ Reading: TypeAlias = tuple[int, int | None, int, float]
 
 Stamped: TypeAlias = tuple[NDArray[np.int64], Floats]
 """Stamps [ns] and values of a column, (n,) each."""
+
+
+class _Samples(NamedTuple):
+    """What a recording holds of a column: stamps by its clock [ns], values, stamps of the recorder
+    [ns], and the numbers of the messages, (n,) each.
+    """
+
+    stamps: NDArray[np.int64]
+    values: Floats
+    recorded: NDArray[np.int64]
+    orders: NDArray[np.int64]
 
 
 def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
@@ -113,34 +124,48 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
                     f"{topic}[{owners[column]}].{field.partition('[')[0]}"
                 )
             stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
-            if isinstance(cell, (list, dict)) or np.asarray(cell, dtype=object).ndim > 0:
+            if isinstance(cell, dict) or np.asarray(cell, dtype=object).ndim > 0:
                 raise LogError(
                     f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
                 )
             recorded = min(message.recorded, NO_TIME)
             samples.append((number, stamp, recorded, _number(path, cell, column)))
-    readings = {column: samples for column, samples in readings.items() if samples}
-    if not readings:
-        first = next((column for column in columns if column != time), "")
+    held = {column: samples for column, samples in readings.items() if samples}
+    if not held:
+        first = next(iter(readings), "")
         raise LogError(
             f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; "
             "columns are /topic.field, "
             f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
-    stamped = _stamped(path, readings)
+    stamped = _stamped(path, held)
     _check_publishers(path, stamped)
     for topic in topics:
-        in_cycle = [c for c in stamped if _named(c)[:2] == (topic, True)]
+        in_cycle = {
+            column: samples
+            for column, samples in stamped.items()
+            if _named(column)[0] == topic and _named(column)[1]
+        }
         if len(in_cycle) > 1:
-            stamped |= _in_cycles({column: stamped[column] for column in in_cycle})
+            stamped |= _in_cycles(in_cycle)
     rows, values_of = together(stamped)
     columns_of: dict[str, Column] = {time: rows.view("datetime64[ns]"), **values_of}
     return Cells(columns_of, path, 0, tuple(columns_of))
 
 
 def together(stamped: Mapping[str, Stamped]) -> tuple[NDArray[np.int64], dict[str, Floats]]:
-    """Return the stamps of rows [ns], (n,), and column → its values in them, NaN where missing."""
-    rows = _merged([np.unique(stamps) for stamps, _ in stamped.values()])
+    """Return the stamps of rows [ns], (n,), and column → its values in them, NaN where missing.
+
+    Stamps that are nearer to a row's first stamp than `SAME_ROW` times the busiest column's
+    interval belong to this row.
+    """
+    distinct = [np.unique(stamps) for stamps, _ in stamped.values()]
+    near = SAME_ROW * _shortest_interval(distinct)
+    firsts = list[np.int64]()
+    for stamp in np.unique(np.concatenate(distinct)):
+        if not firsts or stamp - firsts[-1] > near:
+            firsts.append(stamp)
+    rows = np.array(firsts, dtype=np.int64)
     cells = {column: np.full(len(rows), np.nan) for column in stamped}
     for column, (stamps, values) in stamped.items():
         cells[column][np.searchsorted(rows, stamps, side="right") - 1] = values
@@ -173,31 +198,31 @@ def _number(path: Path, cell: object, name: str) -> float:
 
 
 @lru_cache
-def _named(column: str) -> tuple[str, bool, str, str]:
-    """Return the topic of a column, whether it names a joint, that joint, and the field; or the two
-    parts of a path in a JSON message.
+def _named(column: str) -> tuple[str, str, str]:
+    """Return the topic of a column, the joint that it names, empty for none, and the field; or the
+    two parts of a path in a JSON message.
     """
     match = re.fullmatch(r"([^\[\].]+)\[([^\[\]]+)\]\.(.+)", column)
     if match is not None:
-        return match[1], True, match[2], match[3]
+        return match[1], match[2], match[3]
     topic, _, field = column.partition(".")
-    return topic, False, "", field
+    return topic, "", field
 
 
 def _cell(message: Message, column: str) -> object:
     """Return what a message holds of a column, or None where it lacks that."""
-    topic, is_of_joint, joint, field = _named(column)
+    topic, joint, field = _named(column)
     cell = None
     if field and topic == message.topic:
-        cell = _element(message, joint, field) if is_of_joint else message.read(field)
+        cell = _element(message, joint, field) if joint else message.read(field)
     return message.read(column) if cell is None and message.json else cell
 
 
 def _owner(message: Message, column: str) -> str | None:
     """Return whose element a column with an index is in a message, where that has names."""
-    topic, is_of_joint, _, field = _named(column)
+    topic, joint, field = _named(column)
     at = re.search(r"\[(\d+)\]$", field)
-    if at is None or is_of_joint or topic != message.topic:
+    if at is None or joint or topic != message.topic:
         return None
     names = message.read("name")
     return str(names[int(at[1])]) if isinstance(names, list) and int(at[1]) < len(names) else None
@@ -232,16 +257,18 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
     was set back, all topics are cut at its messages, and only the longest part is taken. All that
     is said.
     """
-    stamped: dict[str, Stamped] = {}
-    recorded = dict[str, NDArray[np.int64]]()
-    orders = dict[str, NDArray[np.int64]]()
+    kept = dict[str, _Samples]()
     wild_in = dict[str, Bools]()
     for column, samples in readings.items():
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
         # simulation that begins at zero
-        by_header = any(stamp for _, stamp, _, _ in samples)
+        orders, headers, recorded, values = zip(*samples)
+        by_header = any(headers)
         stamps = np.array(
-            [stamp if by_header and stamp is not None else at for _, stamp, at, _ in samples]
+            [
+                stamp if by_header and stamp is not None else at
+                for stamp, at in zip(headers, recorded)
+            ]
         )
         wild = wild_stamps(stamps)
         # what came late only stands where its stamp is
@@ -252,44 +279,39 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
                 f"{path}: a stamp of '{column}' is beyond {LATEST_DATE:g} s, which is no time; "
                 "what unit has it? (log.time.unit)"
             )
-        stamped[column] = stamps[~wild], np.array([value for _, _, _, value in samples])[~wild]
-        recorded[column] = np.array([at for _, _, at, _ in samples])[~wild]
-        orders[column] = np.array([number for number, _, _, _ in samples])[~wild]
+        columns = (stamps, values, recorded, orders)
+        kept[column] = _Samples(*(np.array(numbers)[~wild] for numbers in columns))
     for topic, wild in wild_in.items():
         say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
-    _leave_out_another_clock(path, stamped, recorded)
-    ends = {column: set_backs(stamps) for column, (stamps, _) in stamped.items()}
-    first = max(ends, key=lambda column: (len(ends[column]), len(orders[column])))
-    part = orders[first][longest_part(ends[first], len(orders[first]), str(path))]
-    if not len(ends[first]):
-        return stamped
-    cut = dict[str, Stamped]()
-    for column, (stamps, values) in stamped.items():
-        inside = (orders[column] >= part[0]) & (orders[column] <= part[-1])
-        cut[column] = stamps[inside], values[inside]
-    return cut
+    _leave_out_another_clock(path, kept)
+    ends, first = max(
+        ((set_backs(samples.stamps), samples.orders) for samples in kept.values()),
+        key=lambda each: (len(each[0]), len(each[1])),
+    )
+    part = first[longest_part(ends, len(first), str(path))]
+    stamped = dict[str, Stamped]()
+    for column, read in kept.items():
+        inside = (read.orders >= part[0]) & (read.orders <= part[-1])
+        rows = inside if len(ends) else slice(None)
+        stamped[column] = read.stamps[rows], read.values[rows]
+    return stamped
 
 
-def _leave_out_another_clock(
-    path: Path, stamped: dict[str, Stamped], recorded: dict[str, NDArray[np.int64]]
-) -> None:
+def _leave_out_another_clock(path: Path, kept: dict[str, _Samples]) -> None:
     """Remove the columns whose clock is farther from that of most columns than the recording is
     long, and warn of them. Clocks are compared by the recorder's, which is one for all.
     """
-    away = {column: np.median(stamped[column][0] - at) for column, at in recorded.items()}
-    longest = max(np.ptp(at) for at in (*recorded.values(), *(at for at, _ in stamped.values())))
+    away = {column: np.median(read.stamps - read.recorded) for column, read in kept.items()}
+    longest = max(np.ptp(of) for read in kept.values() for of in (read.stamps, read.recorded))
     usual = max(away.values(), key=lambda one: sum(abs(one - a) <= longest for a in away.values()))
     begins = dict[str, np.int64]()
     for column in [column for column, own in away.items() if abs(own - usual) > longest]:
-        begins[_named(column)[0]] = stamped.pop(column)[0][0]
-        del recorded[column]
-    first = next(iter(stamped.values()))[0][0]
+        begins[_named(column)[0]] = kept.pop(column).stamps[0]
+    first = next(iter(kept.values())).stamps[0]
     for topic, begin in begins.items():
-        warnings.warn(
+        say(
             f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, the others' at "
-            f"{first * 1e-9:.12g} s",
-            DistalWarning,
-            stacklevel=2,
+            f"{first * 1e-9:.12g} s"
         )
 
 
@@ -326,20 +348,6 @@ def _shortest_interval(stamps: list[NDArray[np.int64]]) -> float:
     return float(min(intervals, default=0.0))
 
 
-def _merged(stamps: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return the stamps of the rows [ns], (n,).
-
-    Stamps that are nearer to a row's first stamp than `SAME_ROW` times the busiest column's
-    interval belong to this row.
-    """
-    near = SAME_ROW * _shortest_interval(stamps)
-    rows: list[np.int64] = []
-    for stamp in np.unique(np.concatenate(stamps)):
-        if not rows or stamp - rows[-1] > near:
-            rows.append(stamp)
-    return np.array(rows, dtype=np.int64)
-
-
 def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
     """Yield the messages of a recording, and put the names of its topics into the set `topics`.
 
@@ -352,7 +360,7 @@ def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
         read = format_of(path).messages
         assert read is not None
         yield from read(path, topics)
-    except (LogError, GeneratorExit):
+    except LogError:
         raise
     except Exception as problem:
         raise LogError(
@@ -395,25 +403,23 @@ def _columns_of(message: Message) -> Iterator[str]:
 
 def _fields(content: object) -> Iterator[str]:
     """Yield the paths of all numbers in a message but those of its header."""
-    if is_dataclass(content):
-        members = {part.name: getattr(content, part.name) for part in fields(content)}
-    elif isinstance(content, dict):
-        members = content
-    else:
+    members = vars(content) if is_dataclass(content) else content
+    if not isinstance(members, dict):
         return
     for name, member in members.items():
-        if name == "header" or isinstance(member, bool):
+        if name == "header":
             continue
-        if isinstance(member, int | float | np.number):
+        if _is_number(member):
             yield str(name)
         elif isinstance(member, list | np.ndarray):
-            is_numeric = len(member) <= LONGEST and all(
-                isinstance(number, int | float | np.number) and not isinstance(number, bool)
-                for number in member
-            )
-            yield from (f"{name}[{i}]" for i in range(len(member)) if is_numeric)
+            if len(member) <= LONGEST and all(map(_is_number, member)):
+                yield from (f"{name}[{i}]" for i in range(len(member)))
         else:
             yield from (f"{name}.{inner}" for inner in _fields(member))
+
+
+def _is_number(member: object) -> bool:
+    return isinstance(member, int | float | np.number) and not isinstance(member, bool)
 
 
 EPISODE = "episode_index"
@@ -448,11 +454,6 @@ class Episode:
         return f"{self.path}, episode {self.number}"
 
 
-def is_dataset(path: Path) -> bool:
-    """Return whether a folder is a LeRobot dataset."""
-    return (path / INFO).is_file()
-
-
 def episodes_of(folder: Path) -> list[Episode]:
     """Return the episodes of a dataset, in the order of its files.
 
@@ -485,18 +486,19 @@ def episodes_of(folder: Path) -> list[Episode]:
     if not found and problems:
         raise problems[0]
     for unread in problems:
-        warnings.warn(f"left out: {unread}", DistalWarning, stacklevel=2)
+        say(f"left out: {unread}")
     return list(found.values())
 
 
 def sources_of(logs: Sequence[Path]) -> list[Path | Episode]:
-    """Return logs, each dataset as its episodes; see `episodes_of`."""
-    return [
-        source for path in logs for source in (episodes_of(path) if is_dataset(path) else [path])
-    ]
+    """Return logs, each LeRobot dataset as its episodes; see `episodes_of`."""
+    sources = list[Path | Episode]()
+    for path in logs:
+        sources += episodes_of(path) if (path / INFO).is_file() else [path]
+    return sources
 
 
-def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
+def rows_of_episode(episode: Episode, columns: Sequence[str] | None) -> Cells:
     """Return the cells of an episode.
 
     Args:
@@ -505,11 +507,9 @@ def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
     """
     # where a rig's columns are names of motors, they are looked for in the vector of the state,
     # and its time in the dataset's stamps
-    alias = (
-        {}
-        if columns is None
-        else {other: name for name in columns for other in (STATE + name, *LEROBOT.get(name, ()))}
-    )
+    alias = {
+        other: name for name in columns or () for other in (STATE + name, *LEROBOT.get(name, ()))
+    }
     asked = None if columns is None else (*columns, *alias, EPISODE)
     try:
         written = episode.path.stat().st_mtime_ns
@@ -585,17 +585,17 @@ def open_table(
         LogError: see `read_table`.
     """
     cells = _opened(path, columns, time, unit)
-    headers = headers_of(cells.names, columns or (), cells.source)
-    if time in (columns or ()) and time not in cells.names and time not in headers:
+    name_of = headers_of(cells.names, columns or (), cells.source)
+    if time in (columns or ()) and time not in (*cells.names, *name_of.values()):
         usual = [text for text in cells.columns if name_and_unit(text)[0].lower() in TIMES]
         if len(usual) == 1:
-            headers[time] = usual[0], name_and_unit(usual[0])[1]
-    return cells.renamed(headers)
+            name_of[usual[0]] = time
+    return cells.renamed(name_of)
 
 
 def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
     if isinstance(path, Episode):
-        return rows_of_episode(path, None if columns is None else list(columns))
+        return rows_of_episode(path, columns)
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:

@@ -8,7 +8,6 @@ import csv
 import gzip
 import io
 import re
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -18,8 +17,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.errors import DistalWarning, LogError
-from distal.logs.cells import MISSING, Cells, Column, compact, header, needed
+from distal.errors import LogError
+from distal.logs.cells import MISSING, Cells, Column, compact, header, needed, say
 from distal.logs.formats.format import Format
 from distal.logs.outputs import COPIES, check_memory, check_rows, memory_limit
 from distal.logs.stamps import is_time
@@ -107,7 +106,6 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     repeated = list[int]()
     while block := line + file.read(BLOCK) + file.readline(longest):
         line = b""
-        begin = row
         rows = list[list[str]]()
         for cells in _rows(path, block, separator, row):
             if len(cells) == len(names) + 1 and not cells[-1].strip():
@@ -123,22 +121,20 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
             row += 1
         for name, column in zip(names, zip(*rows)):
             if name in parts:
-                parts[name].append(compact(list(column), path, name, begin))
+                parts[name].append(compact(list(column)))
         check_rows(path, row - first_row, len(parts))
     held = {name: _joined(of_column) for name, of_column in parts.items()}
-    notes = list[str]()
     if torn:
         at, reason = next(iter(torn.items()))
+        wrong = f"{path}: row {at}: {reason}"
         if 2 * len(torn) > max(map(len, held.values()), default=0):
-            raise LogError(f"{path}: row {at}: {reason}")
-        notes.append(f"row {at}: {reason}; rows left out: {len(torn)}")
+            raise LogError(wrong)
+        say(f"{wrong}; rows left out: {len(torn)}")
     if repeated:
-        notes.append(
-            f"row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are these "
-            "several logs in one file?"
+        say(
+            f"{path}: row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are "
+            "these several logs in one file?"
         )
-    for note in notes:
-        warnings.warn(f"{path}: {note}", DistalWarning, stacklevel=5)
     return Cells(held, path, first_row, names)
 
 
@@ -159,7 +155,7 @@ def _head(path: Path, file: BinaryIO, longest: int) -> list[bytes]:
     lines = [file.readline(longest).removeprefix(MARK)]
     while lines[-1] and len(lines) < MOST_ABOVE:
         if _value_cells(_text(path, lines[-1], len(lines))):
-            return lines
+            break
         lines.append(file.readline(longest))
     return lines
 
@@ -189,15 +185,15 @@ def _header(
     if not plain:
         raise LogError(f"{path}: is empty")
     first = _value_cells(texts[-1])
-    if first is None:  # a column of text: the first line has the names
-        separator = max(SEPARATORS, key=texts[plain[0]].count)
-        if separator not in texts[plain[0]] and len(texts[plain[0]].split()) > 1:
-            separator = BLANKS
-        at: int | None = plain[0]
-        count = len(_rows(path, lines[plain[0]], separator, plain[0] + 1)[0])
-    else:
+    top = plain[0]
+    at = top if first is None or top < len(lines) - 1 else None
+    if first is not None:
         separator, count = first
-        at = plain[0] if plain[0] < len(lines) - 1 else None
+    else:  # a column of text: the first line has the names
+        count = 0
+        separator = max(SEPARATORS, key=texts[top].count)
+        if separator not in texts[top] and len(texts[top].split()) > 1:
+            separator = BLANKS
 
     def cells_of(k: int) -> list[str]:
         (cells,) = _rows(path, lines[k].lstrip(COMMENT.encode()), separator, k + 1)
@@ -208,16 +204,14 @@ def _header(
         names_most = 2 * sum(map(_is_value, cells)) < len(cells) or asked & set(cells)
         ends_empty = len(cells) == count - 1 and not cells_of(len(lines) - 1)[-1]
         if (len(cells) == count or ends_empty) and names_most:
-            is_units = at is not None and k and _units(cells, cells_of(at)) is not None
-            is_below = at is not None and (is_units or len(set(cells)) < len(cells))
-            at = at if is_below else k
+            is_units = at is not None and k and _units(cells, cells_of(at))
+            if at is None or not (is_units or len(set(cells)) < len(cells)):
+                at = k
     if at is None:
         names = tuple(f"column {k + 1}" for k in range(count))
-        warnings.warn(
+        say(
             f"{path}: has no header; its columns are called '{names[0]}' to '{names[-1]}'. Write "
-            "their names above the first row",
-            DistalWarning,
-            stacklevel=6,
+            "their names above the first row"
         )
         return separator, names, list(names), len(lines)
     header_cells = cells_of(at)
@@ -226,30 +220,22 @@ def _header(
         raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
     before = sum(k < at for k in plain)
     if before:
-        warnings.warn(
-            f"{path}: {before} lines above the header, row {at + 1}, are left out",
-            DistalWarning,
-            stacklevel=6,
-        )
-    units = None
-    if at + 1 < len(lines):
-        units = _units(cells_of(at + 1), header_cells)
+        say(f"{path}: {before} lines above the header, row {at + 1}, are left out")
+    units = _units(cells_of(at + 1), header_cells) if at + 1 < len(lines) else None
     return separator, units or tuple(header_cells), header_cells, at + 2 + (units is not None)
 
 
-def _units(cells: Sequence[str], names: Sequence[str]) -> tuple[str, ...] | None:
+def _units(units: Sequence[str], names: Sequence[str]) -> tuple[str, ...] | None:
     """Return the names with the units of the row below them, None where it is no row of units."""
-    units = [cell.strip() for cell in cells]
     present = [unit for unit in units if unit.lower() not in MISSING]
     if len(units) != len(names) or not all(map(UNIT.fullmatch, present)) or not present:
         return None
-    if units == list(names) or any(map(_is_value, present)):
+    if units == names or any(map(_is_value, present)):
         return None
-    named = [
+    return tuple(
         header(name, unit.strip("[]()") if unit in present else "")
         for name, unit in zip(names, units)
-    ]
-    return tuple(named)
+    )
 
 
 def _is_value(cell: str) -> bool:
@@ -264,9 +250,9 @@ def _is_value(cell: str) -> bool:
 def _joined(parts: list[Column]) -> Column:
     """Return a column of its parts: as text where one of them is."""
     arrays = [part for part in parts if isinstance(part, np.ndarray)]
-    if arrays and len(arrays) == len(parts):
-        return np.concatenate(arrays)
-    return [cell for part in parts for cell in map(str, part)]
+    if len(arrays) < len(parts) or not parts:
+        return [cell for part in parts for cell in map(str, part)]
+    return np.concatenate(arrays)
 
 
 def _rows(path: Path, block: bytes, separator: str, first_row: int) -> list[list[str]]:
@@ -274,13 +260,11 @@ def _rows(path: Path, block: bytes, separator: str, first_row: int) -> list[list
     next line.
     """
     text = _text(path, block, first_row)
-    if '"' not in text:
-        return [_split(line, separator) for line in text.removesuffix("\n").split("\n")]
-    if separator != ",":
-        text = DECIMAL_COMMA.sub(".", text)
     lines = text.removesuffix("\n").split("\n")
-    if separator == BLANKS:
-        return [line.split() for line in lines]
+    if '"' not in text or separator == BLANKS:
+        return [_split(line, separator) for line in lines]
+    if separator != ",":
+        lines = [DECIMAL_COMMA.sub(".", line) for line in lines]
     reader = csv.reader(lines, delimiter=separator, strict=True)
     rows: list[list[str]] = []
     try:

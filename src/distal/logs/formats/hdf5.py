@@ -37,23 +37,11 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             groups = {name.rpartition("/")[0] for name in sets}
             if len(groups) == 1:  # a group of all adds nothing to their names
                 sets = {name.rpartition("/")[2]: part for name, part in sets.items()}
-            positions = {
-                column: (name, k)
-                for name, part in sets.items()
-                for column, k in _columns(name, part)
-            }
-            chosen = {
-                column: position
-                for column, position in positions.items()
-                if needed(column, columns)
-            }
-            size = sum(
-                sets[name].dtype.itemsize * sets[name].shape[0] for name, _ in chosen.values()
-            )
+            found = [column for name, part in sets.items() for column in _columns(name, part)]
+            chosen = [column for column in found if needed(column[0], columns)]
+            size = sum(part.dtype.itemsize * len(part) for _, part, _ in chosen)
             check_memory(path, COPIES * size, f"it holds {len(chosen)} columns of that")
-            held = dict[str, Column]()
-            for column, (name, k) in chosen.items():
-                held[column] = np.asarray(sets[name][:] if k is None else sets[name][:, k])
+            held: dict[str, Column] = {name: np.asarray(part[at]) for name, part, at in chosen}
     except LogError:
         raise
     except Exception as problem:  # of a damaged file h5py may raise anything
@@ -66,7 +54,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows. Are these several episodes? Write each into a file of its own"
         )
-    return Cells(held, path, 1, tuple(positions))
+    return Cells(held, path, 1, tuple(name for name, _, _ in found))
 
 
 def _is_column(part: Any) -> bool:
@@ -79,10 +67,11 @@ def _is_column(part: Any) -> bool:
     return len(shape) == 1 or 0 < shape[1] <= WIDEST_VECTOR
 
 
-def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
+def _columns(name: str, part: Any) -> list[tuple[str, Any, Any]]:
+    """Return name, data set, and position in it of each column of a data set."""
     if len(part.shape) == 1:
-        return [(name, None)]
-    return [(f"{name}.{k}", k) for k in range(part.shape[1])]
+        return [(name, part, ...)]
+    return [(f"{name}.{k}", part, (..., k)) for k in range(part.shape[1])]
 
 
 HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)

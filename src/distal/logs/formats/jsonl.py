@@ -41,7 +41,7 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
         rows.append(dict(_flat(content)))
     names = tuple(dict.fromkeys(name for row in rows for name in row))
     held = {
-        name: compact([row.get(name, "") for row in rows], path, name, 1)
+        name: compact([row.get(name, "") for row in rows])
         for name in names
         if needed(name, columns)
     }
@@ -50,15 +50,13 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
 
 def _flat(content: object, name: str = "") -> Iterator[tuple[str, str]]:
     """Yield name and text of each value in an object; members and positions follow a point."""
+    if isinstance(content, list):
+        content = dict(enumerate(content))
     if isinstance(content, dict):
-        members: Sequence[tuple[object, object]] = list(content.items())
-    elif isinstance(content, list):
-        members = list(enumerate(content))
+        for member, value in content.items():
+            yield from _flat(value, f"{name}.{member}" if name else str(member))
     else:
         yield name, "" if content is None else str(content)
-        return
-    for member, value in members:
-        yield from _flat(value, f"{name}.{member}" if name else str(member))
 
 
 JSONL = Format(endings=(".jsonl", ".ndjson"), read=read_jsonl)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
@@ -11,7 +10,8 @@ from os import SEEK_END
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from distal.errors import DistalWarning, LogError
+from distal.errors import LogError
+from distal.logs.cells import say
 from distal.logs.formats.format import Format, Message
 from distal.logs.outputs import memory_limit
 
@@ -59,11 +59,7 @@ def _is_complete(path: Path, file: BinaryIO) -> bool:
     complete = file.read() == MAGIC and size > 0
     file.seek(0)
     if not complete:
-        warnings.warn(
-            f"{path}: has no end, recording or copying it was cut off; what is there is read",
-            DistalWarning,
-            stacklevel=2,
-        )
+        say(f"{path}: has no end, recording or copying it was cut off; what is there is read")
     return complete
 
 

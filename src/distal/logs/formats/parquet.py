@@ -17,7 +17,6 @@ from distal.logs.cells import (
     Cells,
     Column,
     as_column,
-    component_names_in,
     needed,
     numbered,
 )
@@ -87,7 +86,7 @@ def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
             batch = next(file.iter_batches(1, columns=[column.name]), None)
             length = 0 if batch is None or not batch.num_rows else len(batch[0][0].values or ())
         if 0 < length <= WIDEST_VECTOR:
-            names = numbered(column.name, component_names_in(path, column.name), length)
+            names = numbered(path, column.name, length)
             of_vectors |= {name: (column.name, k) for k, name in enumerate(names)}
         else:
             plain[column.name] = column.name, None
