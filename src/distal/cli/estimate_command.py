@@ -29,11 +29,8 @@ from typer import Argument, Option
 from distal.cli.shared_options import (
     RIG,
     EstimatorOption,
-    HomingOption,
-    PlotOption,
     RigOption,
     SetOption,
-    TruthOption,
     UnitOption,
     check_command_outputs,
     check_folder,
@@ -47,7 +44,6 @@ from distal.cli.shared_options import (
     say,
     table,
     to_file,
-    to_folder,
     warn,
     working,
 )
@@ -64,9 +60,10 @@ from distal.errors import (
 )
 
 if TYPE_CHECKING:
-    from distal.logs import Episode, Log, Output
+    from distal.logs import Episode, Log, MessageReader, Output
     from distal.results import Estimate
     from distal.rig import Rig
+    from distal.run import Monitor, Reading
 
 
 @dataclass
@@ -201,7 +198,6 @@ def estimate_command(
     rig: Annotated[
         str | None,
         Option(
-            "--rig",
             help=f"{RIG} A log of `distal simulate` has its rig beside it.",
             autocompletion=rigs,
         ),
@@ -234,8 +230,17 @@ def estimate_command(
             autocompletion=estimators,
         ),
     ] = None,
-    truth: TruthOption = None,
-    plot: PlotOption = None,
+    truth: Annotated[
+        str | None,
+        Option(help="True joint angle: a column of LOG, or a file with t and theta in rad."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        Option(
+            help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of "
+            "adaptive."
+        ),
+    ] = None,
     panel: Annotated[
         list[str] | None,
         Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
@@ -246,7 +251,10 @@ def estimate_command(
             "--smooth", help="Write the adaptive estimate smoothed over the whole log (offline)."
         ),
     ] = False,
-    homing: HomingOption = None,
+    homing: Annotated[
+        str | None,
+        Option(help="Use the reference for this long (e.g. 3s), then only compare with it."),
+    ] = None,
     homing_angle: Annotated[
         list[str] | None,
         Option(
@@ -294,14 +302,15 @@ def estimate_command(
         raise EstimationError(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
         )
+    asked = estimator or []
     home = homing_time(homing)
     if smooth and home is not None:
         raise EstimationError(
             "--smooth uses the whole log and --homing its beginning; give one of them"
         )
-    if smooth and set(estimator or ()) - {"adaptive"}:
+    if smooth and set(asked) - {"adaptive"}:
         raise EstimationError(
-            f"--smooth is of adaptive; leave out -e {', '.join(estimator or ())}, or --smooth"
+            f"--smooth is of adaptive; leave out -e {', '.join(asked)}, or --smooth"
         )
     sources = sources_of(logs)
     several = sources != logs[:1]
@@ -312,7 +321,7 @@ def estimate_command(
             "--panel": panel,
             "--smooth": smooth,
             "--findings": findings,
-            "a second --estimator": (estimator or ())[1:],
+            "a second --estimator": asked[1:],
         }
         wrong = [option for option, given in for_one.items() if given]
         if wrong:
@@ -321,17 +330,18 @@ def estimate_command(
             )
         outputs = estimates_of(sources, out)
     else:
-        panels = check_panels(PANELS if "all" in (panel or ()) else [*dict.fromkeys(panel or ())])
+        drawn = dict.fromkeys(panel or ())
+        panels = check_panels(PANELS if "all" in drawn else [*drawn])
         if plot is not None:
             plot_kind(plot)
         elif panels:
             raise EstimationError("--panel says what --plot draws; give --plot too")
-        outputs = [*to_file("--out", out, "a table"), *to_file("--plot", plot)]
+        outputs = [*to_file(out, "a table"), *to_file(plot, option="--plot")]
     check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
     description, changed = rig_of_logs(sources, rig, set_)
     in_unit = unit or angle_unit(description.sensors)
     if several:
-        name = estimator[0] if estimator else usual_estimator(description)
+        name = asked[0] if asked else usual_estimator(description)
         _estimate_many(sources, description, name, truth, home, out, in_unit, every)
         return
     with working(f"reading {logs[0]}"):
@@ -340,11 +350,11 @@ def estimate_command(
     if changed:
         say(f"  as the log's scenario has it: {', '.join(changed)}")
     is_known = true_angles(log, description.joint_names) is not None
-    names = _names(estimator, description, is_known)
+    names = _names(asked, description, is_known)
     origin = log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
-    comparison = compared(log, description, names, home, estimator is None, smooth, every)
+    comparison = compared(log, description, names, home, not asked, smooth, every)
     results = comparison.results
     files = dict[Path, Content]()
     if out is not None:
@@ -352,7 +362,7 @@ def estimate_command(
     if plot is not None:
         with working("drawing"):
             files[plot] = _picture(
-                log, description, results if estimator else results[:1], panels, plot
+                log, description, results if asked else results[:1], panels, plot
             )
     with working("writing"):
         write_together(files)
@@ -400,13 +410,13 @@ def _check_names(names: Sequence[str], rig: Rig) -> None:
             make_estimator(name, rig)  # raises an error that lists the names
 
 
-def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
+def _names(asked: list[str], rig: Rig, is_known: bool) -> list[str]:
     """Return the names of the estimators to run: those asked for, else the default, and where the
     truth is known all others that do not only run on request.
     """
     from distal.estimators import ESTIMATORS, ON_REQUEST, usual_estimator
 
-    _check_names(asked or (), rig)
+    _check_names(asked, rig)
     usual = usual_estimator(rig)
     compared = [name for name in ESTIMATORS if name not in ON_REQUEST] if is_known else []
     return list(dict.fromkeys(asked or [usual, *compared]))
@@ -570,16 +580,12 @@ def _estimate_many(
     _check_names([estimator], rig)
     if out is not None:
         make_folder(out)
-    failed: dict[str, str] = {}
-
-    def skip(source: str, problem: DistalError) -> None:
-        failed[source] = str(problem)
-
+    failed = dict[str, DistalError]()
     rows = list[tuple[str, ...]]()
     waiting = iter(logs)
     with _few_warnings(), progress_bar("estimating", len(logs)) as advance:
         for result in estimate_batch(
-            logs, rig, estimator, truth, homing, progress=advance, skip=skip
+            logs, rig, estimator, truth, homing, progress=advance, skip=failed.__setitem__
         ):
             # results come in the order of the logs
             path = next(each for each in waiting if str(each) not in failed)
@@ -587,7 +593,7 @@ def _estimate_many(
                 try:
                     write_columns(result.columns(unit, every=every), out / f"{path.stem}.csv")
                 except OutputError as problem:
-                    skip(str(path), problem)
+                    failed[str(path)] = problem
                     continue
             # the RMS error and the share inside the band
             known = ("–", "–") if result.truths is None else _row(result)[1:4:2]
@@ -598,8 +604,8 @@ def _estimate_many(
         table(f"{estimator} over {len(rows)} logs", columns, rows)
         if out is not None:
             say(f"wrote {len(rows)} estimates to {out}")
-    for text in failed.values():
-        failure(text)
+    for reason in failed.values():
+        failure(str(reason))
     if failed:
         raise typer.Exit(2)
 
@@ -610,6 +616,8 @@ def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Outpu
     Raises:
         OutputError: a log came twice, two logs have the same name, or `out` is a file.
     """
+    from distal.logs import outputs_in
+
     if len(
         {
             (os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem))
@@ -620,20 +628,17 @@ def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Outpu
     if out is None:
         return []
     check_folder(out, "of several logs")
-    stems = [path.stem for path in logs]
+    stems = Counter(path.stem for path in logs)
     files: list[Output] = []
-    for path, stem in zip(logs, stems):
-        if stems.count(stem) > 1:
+    for path in logs:
+        if stems[path.stem] > 1:
             raise OutputError(
-                f"{path}: another log has the name '{stem}' too; rename one, or estimate them apart"
+                f"{path}: another log has the name '{path.stem}' too; rename one, or estimate them "
+                "apart"
             )
-        files += to_folder(f"--out for {path}", out, [f"{stem}.csv"])
+        files += outputs_in(out, [f"{path.stem}.csv"], f"--out for {path}")
     return files
 
-
-if TYPE_CHECKING:
-    from distal.logs import MessageReader
-    from distal.run import Monitor, Reading
 
 LONGEST_LINE = csv.field_size_limit()
 """Longest line that is read [bytes], so that a stream without line ends cannot fill the memory.

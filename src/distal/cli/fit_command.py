@@ -35,12 +35,13 @@ from distal.errors import RigError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
+    from distal.from_logs import RigFromLogs
     from distal.rig import Rig
 
 
 MinutesOption = Annotated[
     float | None,
-    Option("--minutes", min=0.01, help="End after so long, with the best so far [min]."),
+    Option(min=0.01, help="End after so long, with the best so far [min]."),
 ]
 
 MOST_ROWS = 14
@@ -102,12 +103,11 @@ def fit_command(
     """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
     file for later logs.
     """
-    from distal.fitting import fit as fitted_to
-    from distal.fitting import groups_of
+    from distal.fitting import fit, groups_of
     from distal.logs import read_log
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(to_file("--out", out, "a rig file"), logs=logs, rig=rig, truth=truth)
+    check_command_outputs(to_file(out, "a rig file"), logs=logs, rig=rig, truth=truth)
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = homing_time(homing)
@@ -115,7 +115,7 @@ def fit_command(
     read = [read_log(path, description, truth) for path in logs]
     text = edited_text(rig, set_)
     with stoppable(minutes), working("fitting") as show:
-        result = fitted_to(
+        result = fit(
             read,
             description,
             free or (),
@@ -206,7 +206,7 @@ def calibrate_command(
     from distal.hands import calibrate
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(to_file("--out", out, "a rig file"), logs=[log], rig=rig)
+    check_command_outputs(to_file(out, "a rig file"), logs=[log], rig=rig)
     with working("calibrating"):
         found = calibrate(log, load_rig(rig, set_), accept=accept)
     _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
@@ -251,9 +251,6 @@ def _show(rig: Rig, faulty: set[str]) -> None:
     )
 
 
-if TYPE_CHECKING:
-    from distal.from_logs import RigFromLogs
-
 LogsArgument = Annotated[
     list[Path],
     Argument(
@@ -263,21 +260,20 @@ LogsArgument = Annotated[
 ]
 JointsOption = Annotated[
     str | None,
-    Option("--truth", help="Columns that are joints' angles, separated by commas."),
+    Option(help="Columns that are joints' angles, separated by commas."),
 ]
 DrivesOption = Annotated[
     list[str] | None,
     Option(
-        "--drive",
         help="A column that is a drive's position, with its unit: m1=ticks. Repeatable.",
     ),
 ]
 RateOption = Annotated[
     str | None,
-    Option("--rate", help="Of evenly spaced rows, where no column is their time, e.g. 50 Hz."),
+    Option(help="Of evenly spaced rows, where no column is their time, e.g. 50 Hz."),
 ]
 IgnoreOption = Annotated[
-    str | None, Option("--ignore", help="Columns that are none of this, separated by commas.")
+    str | None, Option(help="Columns that are none of this, separated by commas.")
 ]
 
 
@@ -374,8 +370,9 @@ def learn_command(
     from distal.logs import read_log, sources_of
     from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
-    outputs = to_file("--out", out, "a rig file")
-    check_command_outputs(outputs, logs=logs, rig=None if rig is None else str(rig))
+    check_command_outputs(
+        to_file(out, "a rig file"), logs=logs, rig=None if rig is None else str(rig)
+    )
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
     sources = sources_of(logs)

@@ -26,7 +26,6 @@ from distal.cli.shared_options import (
     say,
     table,
     to_file,
-    to_folder,
     warn,
     working,
 )
@@ -84,12 +83,7 @@ def check_command(rig: RigArgument, set_: SetOption) -> None:
     if description.taken:
         say(f"  {scales_in_words(description)}")
     say(f"  {description.count_in_words()}")
-    for kind, parts in (
-        ("joints", description.joints),
-        ("drives", description.drives),
-        ("tendons", description.tendons),
-        ("sensors", description.sensors),
-    ):
+    for kind, parts in description.components.items():
         for i, part in enumerate(parts):
             at = f"{kind}.{i}"
             # initial angles and errors of sensors are no parameters of the equations of motion
@@ -151,7 +145,7 @@ def draw_command(
     from distal.rig import load_rig
 
     plot_kind(out)
-    check_command_outputs(to_file("--out", out), rig=rig)
+    check_command_outputs(to_file(out), rig=rig)
     description = load_rig(rig, set_)
     with working("drawing"):
         save_figure(draw_rig(description), out)
@@ -188,7 +182,7 @@ def _write(imported: Imported, out: Path, source: str) -> None:
 
 def check_new_rig(out: Path, *inputs: Path | None) -> None:
     """Raise an `OutputError` where a new rig file cannot be written beside what is read."""
-    check_command_outputs(to_file("--out", out, "a rig file"), logs=filter(None, inputs))
+    check_command_outputs(to_file(out, "a rig file"), logs=filter(None, inputs))
     check_new(out)
 
 
@@ -237,7 +231,7 @@ def from_mjcf_command(
     from distal.errors import RigError
     from distal.rig import from_mujoco
 
-    check_command_outputs(to_file("--out", out), rig=str(model))
+    check_command_outputs(to_file(out), rig=str(model))
     if length_unit not in LENGTH_UNITS:
         raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
@@ -268,7 +262,7 @@ def to_mjcf_command(
     paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
     drawn = draws_of(described) if draws else ()
     for n, path in enumerate(paths):
-        check_command_outputs(to_file("--out", path), rig=rig, logs=filter(None, [into]))
+        check_command_outputs(to_file(path), rig=rig, logs=filter(None, [into]))
         values = built_values(described, drawn, scores(drawn, [n]))
         write_whole(path, to_mjcf(described.with_values(values), into))
         say(f"wrote {path}")
@@ -276,7 +270,7 @@ def to_mjcf_command(
 
 NameOption = Annotated[
     str | None,
-    Option("--name", help="What all names begin with; default from the rig and the estimator."),
+    Option(help="What all names begin with; default from the rig and the estimator."),
 ]
 """Option for the prefix of all C names."""
 
@@ -313,6 +307,7 @@ def export_command(
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, check_ours, export_c, export_files
+    from distal.logs import outputs_in
     from distal.rig import load_rig
     from distal.units import to_si
 
@@ -321,7 +316,7 @@ def export_command(
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
     files = export_files(name, command, arduino)
-    check_command_outputs(to_folder("--out", out, files), rig=rig)
+    check_command_outputs(outputs_in(out, files, "--out"), rig=rig)
     check_ours(out, files)
     with working("writing C"):
         exported = export_c(
@@ -360,7 +355,7 @@ def fmu_command(
     from distal.export import c_name, export_fmu
     from distal.rig import load_rig
 
-    check_command_outputs(to_file("--out", out), rig=rig)
+    check_command_outputs(to_file(out), rig=rig)
     described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name

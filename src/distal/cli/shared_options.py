@@ -24,7 +24,15 @@ from rich.console import Console
 from rich.table import Table
 from typer import Argument, Option
 
-from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line, printable
+from distal.errors import (
+    LONGEST_LINE,
+    DistalError,
+    EstimationError,
+    OutputError,
+    UnitError,
+    one_line,
+    printable,
+)
 
 
 def out() -> Console:
@@ -45,11 +53,7 @@ def say(text: str) -> None:
 
 def show_warnings() -> None:
     """Let Python print each warning as one line on stderr, without its position in the code."""
-
-    def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-        warn(str(message))
-
-    warnings.showwarning = show
+    warnings.showwarning = lambda message, *_, **__: warn(str(message))
 
 
 def warn(text: str) -> None:
@@ -204,7 +208,7 @@ studies = _completing("study")
 """Completion of studies."""
 
 RIG = "A shipped rig's name (see `distal rigs`) or a TOML file."
-RigOption = Annotated[str, Option("--rig", help=RIG, autocompletion=rigs)]
+RigOption = Annotated[str, Option(help=RIG, autocompletion=rigs)]
 RigArgument = Annotated[str, Argument(help=RIG, autocompletion=rigs)]
 SCENARIO = "A shipped scenario's name (see `distal scenarios`) or a TOML file."
 ScenarioArgument = Annotated[str, Argument(help=SCENARIO, autocompletion=scenarios)]
@@ -222,30 +226,12 @@ SetOption = Annotated[
         ),
     ),
 ]
-SeedOption = Annotated[int, Option("--seed", min=0, help="Seed of the sensors' errors.")]
+SeedOption = Annotated[int, Option(min=0, help="Seed of the sensors' errors.")]
 
 
 EstimatorOption = Annotated[
     str | None,
     Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),
-]
-HomingOption = Annotated[
-    str | None,
-    Option(
-        "--homing",
-        help="Use the reference for this long (e.g. 3s), then only compare with it.",
-    ),
-]
-TruthOption = Annotated[
-    str | None,
-    Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
-]
-PlotOption = Annotated[
-    Path | None,
-    Option(
-        "--plot",
-        help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive.",
-    ),
 ]
 
 
@@ -253,8 +239,6 @@ def _angle_unit(unit: str | None) -> str | None:
     """Raise where a unit is not one of angles; the packages of results are not imported for
     this.
     """
-    from distal.errors import EstimationError
-
     if unit not in (None, "rad", "deg"):
         raise EstimationError(f"--unit {unit}: angles are written in rad or deg")
     return unit
@@ -263,7 +247,6 @@ def _angle_unit(unit: str | None) -> str | None:
 UnitOption = Annotated[
     str | None,
     Option(
-        "--unit",
         callback=_angle_unit,
         help="Of the angles that are written: rad or deg. Default: as the log has them.",
     ),
@@ -294,10 +277,7 @@ def joint_angle(text: str) -> tuple[str | None, float, float]:
     Raises:
         UnitError: the text has no angle.
     """
-    from distal.errors import UnitError
-
-    name, colon, position = text.rpartition(":")
-    text = position if colon else text
+    name, colon, text = text.rpartition(":")
     parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
     if len(parts) > 2 or not all(parts):
         raise UnitError(f"an angle is written as '0 deg' or '0 deg ± 1 deg', {text!r} came")
@@ -311,8 +291,6 @@ def homing_time(text: str | None) -> float | None:
     Raises:
         UnitError: the text is no time, or one that is not above 0.
     """
-    from distal.errors import UnitError
-
     if text is None:
         return None
     time = in_si(text, "s")
@@ -324,7 +302,6 @@ def homing_time(text: str | None) -> float | None:
 LagOption = Annotated[
     str | None,
     Option(
-        "--reference-lag",
         help="By how much the true angles are later than the drives, e.g. '40 ms', or 0; default: "
         "found in the logs.",
     ),
@@ -335,7 +312,7 @@ BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
 """Endings of the files of a ROS bag."""
 
 
-def to_file(option: str, path: Path | None, kind: str = "") -> list[Output]:
+def to_file(path: Path | None, kind: str = "", option: str = "--out") -> list[Output]:
     """Return the file that an option asks for; none where the option was not given.
 
     Args:
@@ -344,15 +321,6 @@ def to_file(option: str, path: Path | None, kind: str = "") -> list[Output]:
     from distal.logs import Output
 
     return [] if path is None else [Output(path, option, kind=kind)]
-
-
-def to_folder(option: str, folder: Path | None, names: Iterable[str]) -> list[Output]:
-    """Return the files in the folder that an option asks for; none where the option was not
-    given.
-    """
-    from distal.logs import outputs_in
-
-    return [] if folder is None else outputs_in(folder, names, option)
 
 
 def check_command_outputs(
@@ -405,7 +373,6 @@ def _files_of(log: Path) -> Iterator[Path]:
 
 ENDINGS = {
     "a rig file": (".toml",),
-    "a page": (".html", ".htm"),
     "a table": (".csv", ".txt", ".parquet", ".pq", ""),
 }
 """Kind of output → endings of its path; a table may go to a pipe, whose path has none."""

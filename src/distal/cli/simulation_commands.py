@@ -31,11 +31,14 @@ from distal.cli.shared_options import (
     studies,
     table,
     to_file,
-    to_folder,
     warn,
     working,
 )
 from distal.units import rounded
+
+if TYPE_CHECKING:
+    from distal.logs import Log
+    from distal.rig import Rig
 
 
 def control_command(
@@ -52,7 +55,7 @@ def control_command(
     """Control a rig in a scenario with a control table, and compare what each feedback costs."""
     from distal.control import closed_loop, plot_control, trackings_of
     from distal.errors import ControlError
-    from distal.logs import write_log
+    from distal.logs import outputs_in, write_log
     from distal.rig import effort_unit
     from distal.simulation import load_scenario, scenario_rig
 
@@ -65,8 +68,9 @@ def control_command(
     names = dict.fromkeys(feedback or ["encoder", estimator, "ratio"])
     picture = out / "control.png"
     logs = [f"{name}.csv" for name in names]
-    outputs = to_folder("--out", out, [picture.name, *logs])
-    check_command_outputs(outputs, rig=description.rig, scenario=scenario)
+    check_command_outputs(
+        outputs_in(out, [picture.name, *logs], "--out"), rig=description.rig, scenario=scenario
+    )
     runs = []
     with working("controlling") as show:
         for name in names:
@@ -109,7 +113,6 @@ def command_command(
     least_tension: Annotated[
         str,
         Option(
-            "--least-tension",
             help="Tension that every tendon keeps where the drives can choose it.",
         ),
     ] = "1 N",
@@ -125,7 +128,7 @@ def command_command(
     from distal.logs import read_angles, unit_of_angles
     from distal.rig import angle_names, load_rig
 
-    check_command_outputs(to_file("--out", out, "a table"), logs=[desired], rig=rig)
+    check_command_outputs(to_file(out, "a table"), logs=[desired], rig=rig)
     inverse = Inverse(load_rig(rig, set_), least_tension=in_si(least_tension, "N"))
     joints = inverse.rig.joint_names
     named = dict(zip(joints, angle_names(joints)))
@@ -146,11 +149,6 @@ def command_command(
     for note in commands.notes:
         warn(note)
     say(f"wrote {out}")
-
-
-if TYPE_CHECKING:
-    from distal.logs import Log
-    from distal.rig import Rig
 
 
 app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
@@ -185,7 +183,7 @@ def simulate_command(
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
     from distal.control import simulate
     from distal.errors import ScenarioError
-    from distal.logs import Output, write_log, write_whole
+    from distal.logs import Output, outputs_in, write_log, write_whole
     from distal.results import make_folder
     from distal.rig import named, parse_assignment
     from distal.simulation import load_scenario, rig_beside, scenario_rig, text_beside
@@ -194,20 +192,16 @@ def simulate_command(
     if rig_ is not None:
         description = description.model_copy(update={"rig": rig_})
     rig = scenario_rig(description, set_)
-    values = {
-        **description.set,
-        **dict(parse_assignment(text, ScenarioError) for text in set_),
-    }
+    values = description.set | dict(parse_assignment(text, ScenarioError) for text in set_)
     names = {seed: out}
-    if runs is None:
-        outputs = to_file("--out", out, "a table")
-        folder = None
-    else:
+    outputs = to_file(out, "a table")
+    folder = None
+    if runs is not None:
         check_folder(out, "with --runs")
         folder = out
         digits = len(str(seed + runs - 1))
         names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
-        outputs = to_folder("--out", out, [path.name for path in names.values()])
+        outputs = outputs_in(out, [path.name for path in names.values()], "--out")
     # no file can lie beside a pipe or a device
     is_regular = not out.exists() or out.is_file() or out.is_dir()
     beside = rig_beside(out, runs is not None)

@@ -13,9 +13,10 @@ what the rig says, in its stds, with Cauchy's prior.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import combinations
+from math import log1p, sqrt
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -30,7 +31,7 @@ from distal.diagnosis.innovation_tests import (
     independent,
     quantile,
 )
-from distal.estimators import AdaptiveFilter, Belief, Robustness, first_values
+from distal.estimators import AdaptiveFilter, Belief, KernelEstimator, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
 from distal.regression import MOST
@@ -99,14 +100,14 @@ class PerturbedRuns:
 
     Args:
         log: of the estimate.
-        estimator: the filter.
+        estimator: the adaptive filter.
         homing: time for which the reference angle is used [s], or None.
     """
 
-    def __init__(self, log: Log, estimator: AdaptiveFilter, homing: float | None = None) -> None:
+    def __init__(self, log: Log, estimator: KernelEstimator, homing: float | None = None) -> None:
         if len(log) > MOST_SAMPLES:
             log = log.select(slice(MOST_SAMPLES))
-            if homing is not None and homing >= float(np.ptp(log.time)):
+            if homing is not None and homing >= np.ptp(log.time):
                 homing = None
         self.log = log
         self._run = prepared(log, estimator, homing)
@@ -154,11 +155,11 @@ class PerturbedRuns:
         joints = len(estimator.rig.joints)
         outcomes = []
         for (filter_means, filter_variances, ys), read in zip(scans, samples):
-            means = estimator.report.means(filter_means, ys)[:, :joints]
-            variances = estimator.report.variances_of(filter_variances, ys)[:, :joints]
             bounded = len(out_of_bounds(filter_means, filter_variances, joints)) == 0
-            compared = estimator.innovations_of(ys, read)
-            outcomes.append(Outcome(means.copy(), variances.copy(), *compared, bounded))
+            moments = estimator.reported(filter_means, filter_variances, ys, read)
+            angles, variances = (moment[:, :joints].copy() for moment in moments[:2])
+            innovations, spreads = moments[2:]
+            outcomes.append(Outcome(angles, variances, innovations, spreads, bounded))
         return outcomes
 
     def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:
@@ -188,31 +189,15 @@ class Derivatives:
         runs: of the filter.
         causes: all that were perturbed.
         base: the run as the rig says.
-        ends: the run with each cause perturbed by its step.
+        angles: derivatives of the angles by the causes, (n, k, n_joints).
+        innovations: derivatives of ν/√S by the causes at the S of the base, (n, k, m).
     """
 
     runs: PerturbedRuns
     causes: tuple[Cause, ...]
     base: Outcome
-    ends: tuple[Outcome, ...]
-
-    def _of(self, read: Callable[[Outcome], Floats]) -> Floats:
-        """Return the derivatives by the causes of what is read of a run, (n, k, any)."""
-        begin = read(self.base)
-        with np.errstate(invalid="ignore"):
-            return np.array(
-                [(read(end) - begin) / cause.step for cause, end in zip(self.causes, self.ends)]
-            )
-
-    @property
-    def angles(self) -> Floats:
-        """Derivatives of the angles by the causes, (n, k, n_joints)."""
-        return self._of(lambda run: run.angles)
-
-    @property
-    def innovations(self) -> Floats:
-        """Derivatives of ν/√S by the causes at the S of the base, (n, k, m)."""
-        return self._of(lambda run: run.innovations / np.sqrt(self.base.innovation_variances))
+    angles: Floats
+    innovations: Floats
 
     def test(self, *, of_truth: bool) -> ScoreTest:
         """Return the score test of the causes: of the innovations, or of the angles' errors in
@@ -236,7 +221,14 @@ def derivatives_of(runs: PerturbedRuns, causes: Sequence[Cause]) -> Derivatives:
     vector lanes.
     """
     base, *ends = runs([{}, *({cause: cause.step} for cause in causes)])
-    return Derivatives(runs, tuple(causes), base, tuple(ends))
+    spread = np.sqrt(base.innovation_variances)
+    angles = list[Floats]()
+    innovations = list[Floats]()
+    with np.errstate(invalid="ignore"):
+        for cause, end in zip(causes, ends):
+            angles.append((end.angles - base.angles) / cause.step)
+            innovations.append((end.innovations / spread - base.normalized) / cause.step)
+    return Derivatives(runs, tuple(causes), base, np.array(angles), np.array(innovations))
 
 
 @dataclass(frozen=True)
@@ -271,7 +263,7 @@ def candidates(
         if cause.kind in ("friction", "damping"):
             tried += THRESHOLDS.frictions_tried
         for x in sized.get(cause, ()):
-            tried += [x, float(np.sqrt(1.0 + x)) - 1.0] if cause.is_factor and x > -1.0 else [x]
+            tried += [x, sqrt(1.0 + x) - 1.0] if cause.is_factor and x > -1.0 else [x]
         limit = THRESHOLDS.largest_change if cause.is_factor else np.inf
         tried += [
             float(np.clip(test.estimates[i], -limit, limit))
@@ -282,6 +274,7 @@ def candidates(
     return chosen
 
 
+@dataclass
 class Search:
     """Runs without each likely cause, and what is gained by it.
 
@@ -297,10 +290,10 @@ class Search:
         of_truth: whether known angles are asked, not the innovations.
     """
 
-    def __init__(self, runs: PerturbedRuns, base: Outcome, *, of_truth: bool) -> None:
-        self._runs = runs
-        self._base = base
-        self._of_truth = of_truth
+    runs: PerturbedRuns
+    base: Outcome
+    _: KW_ONLY
+    of_truth: bool
 
     def __call__(self, changes: Sequence[Change]) -> list[Trial]:
         """Return the trials of causes that explain something by more than chance, the best of each
@@ -309,14 +302,14 @@ class Search:
         outcomes = self._tried(changes)
         if not outcomes:
             return []
-        residuals = self._base.normalized
-        if self._of_truth:
-            errors = (self._runs.errors(outcome) for _, outcome in outcomes)
+        residuals = self.base.normalized
+        if self.of_truth:
+            errors = (self.runs.errors(outcome) for _, outcome in outcomes)
             residuals = min(errors, key=lambda error: max(finite_means(error**2)))
-        count = independent(residuals, self._runs.log.time)
-        self._count = float(np.max(count, initial=1.0))
+        counts = independent(residuals, self.runs.log.time)
+        self._count = float(counts.max(initial=1.0))
         trials = self._best(self._weighed(outcomes))
-        if self._of_truth:
+        if self.of_truth:
             near = [
                 {cause: share * x}
                 for trial in trials[: THRESHOLDS.likeliest]
@@ -337,17 +330,17 @@ class Search:
             needed = best.gain + quantile(len(trials)) ** 2
             if both.gain > needed and self._halves(both.outcome, best.outcome):
                 trials = [both]
-            trials = [trial for trial in trials if self._halves(trial.outcome, self._base)]
+            trials = [trial for trial in trials if self._halves(trial.outcome, self.base)]
         else:
             # a known angle may speak against what the innovations allow
-            trials = [trial for trial in trials if not self._halves(self._base, trial.outcome)]
+            trials = [trial for trial in trials if not self._halves(self.base, trial.outcome)]
         # of a filter that was lost anything that is not is likelier
-        least = quantile(1) ** 2 if self._base.bounded else -np.inf
+        least = quantile(1) ** 2 if self.base.bounded else -np.inf
         return [trial for trial in trials if trial.gain > least]
 
     def _tried(self, changes: Sequence[Change]) -> list[tuple[Change, Outcome]]:
         """Return the changes with which the filter stays within all bounds, and its outcomes."""
-        return [pair for pair in zip(changes, self._runs(changes)) if pair[1].bounded]
+        return [pair for pair in zip(changes, self.runs(changes)) if pair[1].bounded]
 
     def _weighed(self, outcomes: Iterable[tuple[Change, Outcome]]) -> list[Trial]:
         return [Trial(*pair, self._gain(*pair)) for pair in outcomes]
@@ -366,7 +359,7 @@ class Search:
         return outcome.bounded and bool(max(self._squares(outcome)) < THRESHOLDS.half**2 * last)
 
     def _squares(self, outcome: Outcome) -> Floats:
-        return finite_means(self._runs.errors(outcome) ** 2)
+        return finite_means(self.runs.errors(outcome) ** 2)
 
     def _cost(self, outcome: Outcome) -> float:
         """Return k Σ_j ln(e_j² + (ε σ_j)²); 0, of errors of a radian, where the filter is lost.
@@ -377,7 +370,7 @@ class Search:
         if not outcome.bounded:
             return 0.0
         variances = np.mean(outcome.variances, axis=0)
-        usual = np.mean(self._base.variances, axis=0) if self._base.bounded else variances
+        usual = np.mean(self.base.variances, axis=0) if self.base.bounded else variances
         noise = THRESHOLDS.noise_share**2 * np.minimum(variances, usual)
         spread = (
             self._squares(outcome) + noise + np.maximum(THRESHOLDS.half**2 * variances - usual, 0.0)
@@ -385,9 +378,9 @@ class Search:
         return self._count * float(np.sum(np.log(spread)))
 
     def _gain(self, change: Change, outcome: Outcome) -> float:
-        base = self._base
-        far = sum(float(np.log1p(cause.distance(x) ** 2)) for cause, x in change.items())
-        if self._of_truth:
+        base = self.base
+        far = sum(log1p(cause.distance(x) ** 2) for cause, x in change.items())
+        if self.of_truth:
             worse = outcome.excess() - (base.excess() if base.bounded else 0.0)
             if worse > THRESHOLDS.half:
                 return -np.inf  # a reading so wrong that the filter leaves it out explains nothing
@@ -396,7 +389,7 @@ class Search:
             )
         else:
             values = outcome.log_likelihoods() - (base.log_likelihoods() if base.bounded else 0.0)
-            for k, name in enumerate(self._runs.estimator.measured):
+            for k, name in enumerate(self.runs.estimator.measured):
                 values[k] += sum(c.jacobian(x) for c, x in change.items() if c.channels == (name,))
             likelier = self._count * float(np.mean(values))
         return 2.0 * (likelier - far)
@@ -406,8 +399,8 @@ UNFELT = ("scale", "zero", "arm", "stiffness")
 """Kinds of causes that may move an angle before any innovation shows it. Source: definition."""
 
 
-def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
-    """Return the causes that no innovation shows before the angle leaves its band: the smallest
+def unfelt(derivatives: Derivatives, test: ScoreTest) -> Iterator[Cause]:
+    """Yield the causes that no innovation shows before the angle leaves its band: the smallest
     change that the score test would notice, or of a factor the whole, moves an angle by more than
     the band.
 
@@ -418,12 +411,10 @@ def unfelt(derivatives: Derivatives, test: ScoreTest) -> list[Cause]:
     noticed = test.limit * np.hypot(test.standard_errors, test.stds)
     moved = np.sqrt(np.mean(derivatives.angles**2, axis=1))
     band = BAND * np.sqrt(np.mean(derivatives.base.variances, axis=0))
-    chosen = []
     for cause, least, by in zip(derivatives.causes, noticed, moved):
         change = min(least, 1.0) if cause.is_factor else least
         if cause.kind in UNFELT and np.any(by > band / change):
-            chosen.append(cause)
-    return chosen
+            yield cause
 
 
 SAMPLES = 400
@@ -451,7 +442,7 @@ def wrong_readings(log: Log, rig: Rig) -> Gains:
     log = log.select(slice(None, None, max(len(log) // SAMPLES, 1)))
     time = log.time
     readings = np.column_stack(list(log.channels.values()))
-    spans = max(float(np.ptp(time)) / SPAN, 1.0)
+    spans = max(np.ptp(time) / SPAN, 1.0)
     weights = np.array([len(learned.joints) for learned in redundancy.maps])
 
     def judged(cause: Cause, x: float) -> tuple[float, float]:
@@ -461,7 +452,7 @@ def wrong_readings(log: Log, rig: Rig) -> Gains:
         is_read = np.isfinite(samples)
         costs, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
         costs = np.where(outside > 0.0, MOST, costs)
-        far = 2.0 * float(np.log1p(cause.distance(x) ** 2))
+        far = 2.0 * log1p(cause.distance(x) ** 2)
         share = float(np.mean((outside + unlike).any(axis=1)))
         return spans * float(np.mean(costs @ weights)) + far, share
 

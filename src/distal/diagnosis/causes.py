@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from math import hypot, log, log1p, radians
 from typing import Literal, get_args
 
 import casadi as ca
@@ -98,7 +99,7 @@ class Thresholds:
     never_compared: float = 0.1
     coloured: float = 0.3
     noise_ratio: float = 0.5
-    largest_travel: float = float(np.deg2rad(270.0))
+    largest_travel: float = radians(270.0)
     outside_share: float = 0.05
     active: float = 0.5
     nearer: tuple[float, ...] = (0.6, 0.85, 1.15, 1.4)
@@ -138,8 +139,9 @@ def named_cause(kind: Kind, rig: Rig, cause: Cause, x: float) -> Finding:
     off.
     """
     verb = "look" if len(cause.channels) > 1 else "looks"
-    named = {"friction": "friction of ", "damping": "damping of "}.get(cause.kind, "")
-    subject = f"{named}{cause.subject}"
+    subject = cause.subject
+    if cause.kind in ("friction", "damping"):
+        subject = f"{cause.kind} of {subject}"
     return Finding(kind, subject, f"{subject} {verb} {_like(rig, cause, x)}")
 
 
@@ -174,12 +176,12 @@ def _like(rig: Rig, cause: Cause, x: float) -> str:
 def _like_a_scale(rig: Rig, cause: Cause, factor: float) -> str:
     """Return what readings look like that are `factor` times as large as the rig asks for."""
     for unit, look in UNITS.get(cause.unit, {}).items():
-        if factor > 0.0 and abs(np.log(factor / unit)) < THRESHOLDS.alike:
+        if factor > 0.0 and abs(log(factor / unit)) < THRESHOLDS.alike:
             return look
     size = abs(factor)
     sensor = sensor_of(rig, cause)
     if factor < 0.0:
-        by = "" if abs(np.log(size)) < THRESHOLDS.alike else f", and {size:.2g} times too large"
+        by = "" if abs(log(size)) < THRESHOLDS.alike else f", and {size:.2g} times too large"
         side = ", or the side of its tendon," if sensor.measures == "position" else ""
         return f"as if its sign{side} were wrong{by}"
     if sensor.measures != "position":
@@ -224,7 +226,7 @@ LEAST_STD = {"scale": 0.03, "arm": 0.03, "stiffness": 0.1, "friction": 0.1, "dam
 Source: judgement.
 """
 
-LEAST_ZERO = {"m": 1e-4, "rad": float(np.deg2rad(1.0)), "N": 0.1, "N m": 1e-3}
+LEAST_ZERO = {"m": 1e-4, "rad": radians(1.0), "N": 0.1, "N m": 1e-3}
 """Least std of the zero of a sensor, whatever the rig says [SI]. Source: judgement."""
 
 UNLIKELY = 3.0
@@ -280,15 +282,15 @@ class Cause:
             least = max(self.std, LEAST_STD[self.kind])
             if self.kind == "scale" and self.unit.startswith("N"):
                 least = max(least, LEAST_STD["stiffness"])
-            size = np.log(max(abs(1.0 + x), 1e-6)) / np.log1p(least)
-            return float(np.hypot(size, UNLIKELY if x < -1.0 else 0.0))
+            size = log(max(abs(1.0 + x), 1e-6)) / log1p(least)
+            return hypot(size, UNLIKELY if x < -1.0 else 0.0)
         return abs(x) / self.std
 
     def jacobian(self, x: float) -> float:
         """Return ln |dy'/dy| of readings y' that x makes of y: a density of scaled readings has
         another unit.
         """
-        return float(np.log(max(abs(1.0 + x), 1e-300))) if self.kind == "scale" else 0.0
+        return log(max(abs(1.0 + x), 1e-300)) if self.kind == "scale" else 0.0
 
     def apply(self, x: float, samples: Floats, names: Sequence[str], time: Floats) -> None:
         """Change readings in place.
@@ -302,14 +304,15 @@ class Cause:
         columns = [names.index(name) for name in self.channels]
         readings = samples[:, columns]
         if self.kind == "scale":
-            samples[:, columns] = (1.0 + x) * readings
+            readings *= 1.0 + x
         elif self.kind == "zero":
-            samples[:, columns] = readings + x
+            readings += x
         elif self.kind == "delay":
-            samples[:, columns[0]] = np.interp(time + x, time, readings[:, 0])
+            readings[:, 0] = np.interp(time + x, time, readings[:, 0])
         elif self.kind == "swap":
             exchanged = readings[:, ::-1] * np.array(self.ratios or 1.0)
-            samples[:, columns] = (1.0 - x) * readings + x * exchanged
+            readings = (1.0 - x) * readings + x * exchanged
+        samples[:, columns] = readings
 
 
 def causes_of(estimator: AdaptiveFilter, interval: float) -> list[Cause]:
@@ -387,7 +390,7 @@ def _zero_std(rig: Rig, sensor: Sensor) -> float:
         for tendon in rig.tendons_of(sensor.of)
         if tendon.stiffness.value > 0.0
     ]
-    return float(np.hypot(sensor.bias.total_std, max(stretches, default=0.0)))
+    return hypot(sensor.bias.total_std, max(stretches, default=0.0))
 
 
 def _of_rig(estimator: AdaptiveFilter) -> Iterator[Cause]:
@@ -530,10 +533,12 @@ def _column(cause: Cause, drive: _Drive, time: Floats) -> Floats | None:
         column = -np.sum([drive.slopes.get(path, np.zeros(1)) for path in cause.paths], axis=0)
         return column if np.nansum(np.abs(column)) > 0.0 else None
     if cause.channels == (drive.position.name,):
-        readings = np.nan_to_num(drive.reading)
-        shift = np.ones(len(time))
-        late = np.gradient(readings, time)
-        return {"scale": drive.reading, "zero": shift, "delay": late}.get(cause.kind)
+        columns = {
+            "scale": drive.reading,
+            "zero": np.ones(len(time)),
+            "delay": np.gradient(np.nan_to_num(drive.reading), time),
+        }
+        return columns.get(cause.kind)
     if cause.channels == (drive.force,) and cause.kind == "scale":
         return -drive.softened
     return None
@@ -542,7 +547,10 @@ def _column(cause: Cause, drive: _Drive, time: Floats) -> Floats | None:
 def _fitted(cause: Cause, column: Floats, drive: _Drive) -> list[float]:
     usable = np.isfinite(drive.residual) & np.isfinite(column)
     residual = drive.residual[usable]
-    way = _direction(drive.reading[usable])
+    # the direction in which the drive last moved, −1 to 1, by a play operator
+    readings = drive.reading[usable]
+    half = max(TURNS_BACK * np.ptp(readings), 1e-300)
+    way = (readings - played(readings, half)) / half
     matrix = np.column_stack([column[usable], way, way * np.abs(drive.softened[usable])])
     shifted = np.column_stack([matrix, np.ones(len(way))])
     sizes_of = list[float]()
@@ -556,11 +564,3 @@ def _fitted(cause: Cause, column: Floats, drive: _Drive) -> list[float]:
         if x > -1.0 or not cause.paths:
             sizes_of.append(x)
     return sizes_of
-
-
-def _direction(readings: Floats) -> Floats:
-    """Return the direction in which a drive last moved, −1 to 1, by a play operator."""
-    if not len(readings):
-        return readings
-    half = max(TURNS_BACK * float(np.ptp(readings)), 1e-300)
-    return (readings - played(readings, half)) / half

@@ -4,7 +4,7 @@ tests of what may be wrong.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +47,6 @@ from distal.diagnosis.innovation_tests import (
     statistics_of,
 )
 from distal.errors import EstimationError
-from distal.estimators import AdaptiveFilter
 from distal.estimators.estimator_protocol import dead_after
 from distal.logs import Log
 from distal.results import Estimate
@@ -102,7 +101,7 @@ def diagnose(
     named = _named(wrong, "looks like", rig)
     if result.estimator != "adaptive" or not what_if or (named and not truth):
         return diagnose_estimate(result, further + named)
-    runs = _runs(log, rig, homing, compiled=compiled)
+    runs = PerturbedRuns(log, estimator_for(log, rig, "adaptive", compiled, homing), homing)
     # known angles tell the size
     causes = _causes(runs)
     causes = [cause for cause in causes if any(cause in change for change, _ in wrong)] or causes
@@ -146,7 +145,8 @@ def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Findin
         homing: time for which the reference angle is used [s], or None.
     """
     # an estimated external torque would hide what is wrong with the rig
-    runs = _runs(log, rig.with_values({"joints.*.touch": "never"}), homing)
+    untouched = rig.with_values({"joints.*.touch": "never"})
+    runs = PerturbedRuns(log, estimator_for(log, untouched, "adaptive", homing=homing), homing)
     causes = _causes(runs)
     (base,) = runs([{}])
     sized = _sized(runs, causes)
@@ -169,12 +169,6 @@ def _explained(
         if trials:
             return [(trial.change, trial.gain) for trial in trials]
     return []
-
-
-def _runs(log: Log, rig: Rig, homing: float | None, *, compiled: bool = True) -> PerturbedRuns:
-    estimator = estimator_for(log, rig, "adaptive", compiled, homing)
-    assert isinstance(estimator, AdaptiveFilter)
-    return PerturbedRuns(log, estimator, homing)
 
 
 def _causes(runs: PerturbedRuns) -> list[Cause]:
@@ -207,14 +201,13 @@ def _named(changes: Gains, kind: Kind, rig: Rig) -> list[Finding]:
     for change, gain in alternatives:
         other = named_cause(kind, rig, *next(iter(change.items())))
         if best - gain < quantile(1) ** 2 and other.subject != named[0].subject:
-            text = f"or {other.text} (these cannot be told apart)"
-            return [*named, replace(other, text=text)]
+            return [*named, replace(other, text=f"or {other.text} (these cannot be told apart)")]
     return named
 
 
-def _cannot_be_felt(causes: Sequence[Cause], rig: Rig) -> list[Finding]:
-    """Return the groups of causes that no sensor tests, each with its drives."""
-    drives = dict[str, list[str]]()
+def _cannot_be_felt(causes: Iterable[Cause], rig: Rig) -> Iterator[Finding]:
+    """Yield the groups of causes that no sensor tests, each with its drives."""
+    drives = dict[str, dict[str, None]]()
     for cause in causes:
         group = {"scale": SCALE, "arm": SCALE, "zero": ZERO}.get(cause.kind, COMPLIANCE)
         if cause.paths:
@@ -223,15 +216,12 @@ def _cannot_be_felt(causes: Sequence[Cause], rig: Rig) -> list[Finding]:
             sensor = sensor_of(rig, cause)
             drive = sensor.of
             group = group if sensor.measures == "position" else COMPLIANCE
-        drives.setdefault(group, []).append(drive)
-    findings = []
-    for group, repeated in drives.items():
-        named = dict.fromkeys(repeated)
+        drives.setdefault(group, {})[drive] = None
+    for group, named in drives.items():
         of_all = "all drives" if len(named) == len(rig.drives) > 1 else ", ".join(named)
         subject = f"{group} of {of_all}"
         text = f"{subject}: an error there changes the angle but no innovation"
-        findings.append(Finding("cannot test", subject, text))
-    return findings
+        yield Finding("cannot test", subject, text)
 
 
 def against_truth(result: Estimate) -> list[Finding]:
@@ -246,7 +236,7 @@ def against_truth(result: Estimate) -> list[Finding]:
     errors = np.abs(result.angles - result.truths)
     counts = np.isfinite(errors).sum(axis=0)
     shares = (errors <= BAND * result.angle_stds).sum(axis=0) / np.maximum(counts, 1)
-    spans = max(float(np.ptp(result.time)) / SPAN, 1.0)
+    spans = max(np.ptp(result.time) / SPAN, 1.0)
     least = COVERED - quantile(len(shares)) * np.sqrt(COVERED * (1.0 - COVERED) / spans)
     shares[counts == 0] = 1.0
     worst = int(np.argmin(shares))

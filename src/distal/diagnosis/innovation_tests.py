@@ -14,7 +14,7 @@ their priors; and the diagnosis in one line.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress
@@ -215,20 +215,23 @@ class ChannelStatistics:
         coloured &= self.ratios > THRESHOLDS.noise_ratio
         count = large.sum()
         several = ", ".join(compress(self.names, large if count else coloured))
+        kind: Kind = "too large"
+        if not several:
+            return []
         if count == 1 and np.isfinite(self.since[large][0]):
-            begin = f"sensor {several} disagrees from {self.since[large][0]:.0f} s on"
-            return [Finding("disagrees", several, f"{begin}: its innovations are too large")]
-        if count:
+            kind = "disagrees"
+            text = f"sensor {several} disagrees from {self.since[large][0]:.0f} s on: its "
+            text += "innovations are too large"
+        elif count:
             verb = "disagrees" if count == 1 else "disagree"
             size = np.sqrt(self.ratios[large].max())
             text = f"{several} {verb} with the rig: innovations {size:.1f}× larger than normal"
-            return [Finding("too large", several, text)]
-        if several:
+        else:
+            kind = "drifts"
             largest = self.correlations[coloured].max()
             text = f"innovations of {several} are not white (correlation {largest:.1f})"
             text += ": something acts that the rig does not have"
-            return [Finding("drifts", several, text)]
-        return []
+        return [Finding(kind, several, text)]
 
     def untested(self) -> list[Finding]:
         """Return the findings on channels that test nothing."""
@@ -260,7 +263,7 @@ def statistics_of(
         is_taught: see `Estimate`.
     """
     # in the first moments the filter still finds the parameters
-    settled = time >= time[0] + min(0.5, 0.1 * float(np.ptp(time)))
+    settled = time >= time[0] + min(0.5, 0.1 * np.ptp(time))
     shares = np.isfinite(scaled).mean(axis=0)
     if is_taught:
         ratios = np.where(shares > 0.0, 1.0, np.nan)
@@ -284,7 +287,7 @@ def statistics_of(
 
 def _neighbours(values: Floats) -> float:
     finite = values[np.isfinite(values)]
-    if len(finite) < 20 or float(np.std(finite)) == 0.0:
+    if len(finite) < 20 or np.std(finite) == 0.0:
         return 0.0
     return float(np.clip(np.mean(finite[1:] * finite[:-1]) / np.mean(finite**2), -1, 1))
 
@@ -318,10 +321,10 @@ def _left(estimate: Estimate) -> list[Finding]:
     order = np.flatnonzero((stds > 0.0) & (away - spreads > LARGE_PRIOR * stds))
     order = order[np.argsort(-away[order] / stds[order], kind="stable")]
     for i in order:
-        # the weights of a sensor's linearity are one thing
-        is_linearity = estimate.state_kinds[i] is StateKind.LINEARITY
-        part = f"linearity_{estimate.state_parts[i]}"
-        subject = part if is_linearity else estimate.state_names[i]
+        subject = estimate.state_names[i]
+        if estimate.state_kinds[i] is StateKind.LINEARITY:
+            # the weights of a sensor's linearity are one thing
+            subject = f"linearity_{estimate.state_parts[i]}"
         text = f"{subject} is {ends[i]:.3g} ± {spreads[i]:.1g}"
         text += f", its prior {means[i]:.3g} ± {stds[i]:.1g}"
         left.setdefault(subject, Finding("left its prior", subject, text))
@@ -342,16 +345,14 @@ def _turning(estimate: Estimate) -> list[Finding]:
     ]
 
 
-def _friction(estimate: Estimate) -> list[Finding]:
-    findings = []
+def _friction(estimate: Estimate) -> Iterator[Finding]:
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
         friction = estimate.means[-1, i]
         prior, std = np.sqrt(estimate.variances[[0, -1], i])
         if kind is StateKind.FRICTION and friction > max(0.25 * prior, 3.0 * std):
             size = f"friction that the rig does not have: {friction:.2g} at '{drive}' [SI]"
             text = f"{size} (set drives.{drive}.friction, or a hand acts)"
-            findings.append(Finding("friction", drive, text))
-    return findings
+            yield Finding("friction", drive, text)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,6 @@ from distal.rig import (
     measurand_of,
     number,
     part_at,
-    part_of,
     position_unit,
 )
 from distal.units import plain_number, quantity
@@ -139,12 +138,12 @@ def _draw_part(axes: Axes, rig: Rig, top: float) -> tuple[float, float]:
     It is a table with a column for drives, for tendons and for each joint, and with a row for the
     joints and for each tendon.
     """
-    cells = {(0, 2 + j): _texts_of(rig, "joints", j) for j in range(len(rig.joints))}
+    cells = {(0, 2 + j): _texts_of(rig, "joints", joint) for j, joint in enumerate(rig.joints)}
     tendons = [tendon for drive in rig.drive_names for tendon in rig.tendons_of(drive)]
     for row, tendon in enumerate(tendons, 1):
         if tendon is rig.tendons_of(tendon.drive)[0]:
-            cells[row, 0] = _texts_of(rig, "drives", rig.drive_names.index(tendon.drive))
-        cells[row, 1] = _texts_of(rig, "tendons", rig.tendon_names.index(tendon.name))
+            cells[row, 0] = _texts_of(rig, "drives", rig.drive(tendon.drive))
+        cells[row, 1] = _texts_of(rig, "tendons", tendon)
         for name, arm in tendon.arms().items():
             j = rig.joint_names.index(name)
             turn = "↻" if arm < 0.0 else "↺" if arm > 0.0 else "○"
@@ -213,28 +212,26 @@ def _vector(components: Iterable[float]) -> str:
     return f"[{', '.join(map(plain_number, components))}]"
 
 
-def _texts_of(rig: Rig, kind: str, index: int) -> tuple[str, ...]:
+def _texts_of(rig: Rig, kind: str, part: Joint | Slider | Capstan | Tendon) -> tuple[str, ...]:
     """Return the lines on a joint, drive or tendon: its name, sizes, stops and sensors.
 
     Args:
         kind: list of the rig that holds the part: joints, drives or tendons.
-        index: index of the part in this list.
     """
-    part = rig.components[kind][index]
     texts = [part.name]
     unit = "rad"
     if isinstance(part, Joint):
-        texts += _position(rig, index)
+        texts += _position(rig, part)
     elif isinstance(part, Tendon):
         drive = rig.drive(part.drive)
         sign = "−" if drive.kind == "capstan" and part.winding < 0 else "+"
         texts.append(f"pulled in by {sign}{'φ' if drive.kind == 'capstan' else 'x'}")
-    elif isinstance(part, (Slider, Capstan)):
+    else:
         texts.append(part.kind)
         unit = position_unit(part)
     for key in SIZES:
         if part_at(part, key) is not None:
-            size = number(rig, f"{kind}.{index}.{key}")
+            size = number(rig, f"{kind}.{part.name}.{key}")
             words = key.replace(".", " ").replace("_", " ")
             if size.value != 0.0:
                 texts.append(f"{words} {quantity(size.value, size.quantity.si)}")
@@ -242,17 +239,16 @@ def _texts_of(rig: Rig, kind: str, index: int) -> tuple[str, ...]:
     if stops is not None:
         texts.append(f"stops {' … '.join(quantity(stop, unit) for stop in stops)}")
     for sensor in rig.sensors:
-        if measurand_of(sensor).of == kind and part_of(sensor, rig) == index:
+        if measurand_of(sensor).of == kind and sensor.of == part.name:
             gear = getattr(sensor, "gear", 1.0)
             before = "" if gear == 1.0 else f", gear {plain_number(gear)}"
             texts.append(f"◉ {sensor.name}: {sensor.measures}{before}")
     return tuple(texts)
 
 
-def _position(rig: Rig, index: int) -> list[str]:
+def _position(rig: Rig, joint: Joint) -> list[str]:
     """Return on which link a joint sits, its axis there, and which joint it follows."""
-    joint = rig.joints[index]
-    parent = rig.parent_of(index)
+    parent = rig.parent_of(rig.joint_names.index(joint.name))
     below = "base" if parent is None else rig.joints[parent].name
     parts = (f"{part:+.2g}{name}" for name, part in zip("xyz", joint.axis) if abs(part) > 0.005)
     axis = " ".join(parts).replace("+1", "+").replace("-1", "−").replace("-", "−")

@@ -1,32 +1,71 @@
-"""The result of an estimator on a log."""
+"""The result of an estimator on a log.
+
+Plots of truth, estimates and bands over time, for print and for colour-blind readers; and panels
+below the angle: innovations, measured forces, and the health of a stream.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from html import escape
+from math import degrees, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.confidence import BAND, COVERED_TEXT
-from distal.errors import EstimationError, did_you_mean
+from distal.errors import EstimationError, OutputError, did_you_mean
 from distal.estimators import StateKind, states_of
-from distal.logs import header
-from distal.results.plots import PlotOptions, SummaryRow, html_table, plot_estimates
-from distal.rig import std_name
+from distal.logs import Log, header
+from distal.results.plots import (
+    BLACK,
+    COLOURS,
+    FAINT,
+    PALE,
+    SOFT,
+    TRUTH,
+    PlotOptions,
+    band_colour,
+    colour,
+    curve_style,
+    figure,
+    html_table,
+    legend_above,
+    plain,
+    save_figure,
+)
+from distal.rig import Rig, std_name
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
 UNKNOWN = 180.0
 """Half-width of a band from which on an angle is not known [deg]. Source: definition (a turn)."""
 
-ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
+ANGLE_UNITS = {"rad": 1.0, "deg": radians(1.0)}
 """Unit in which angles may be written → its size [rad]. Source: definition (unit conversion)."""
+
+
+SummaryRow = TypedDict(
+    "SummaryRow",
+    {
+        "joint": str,
+        "least [deg]": float,
+        "greatest [deg]": float,
+        "median band [deg]": float,
+        "RMS error [deg]": float | None,
+        "largest error [deg]": float | None,
+        "inside band": float | None,
+    },
+)
+"""The row of `Estimate.summary` on one joint."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -160,22 +199,21 @@ class Estimate:
         for joint, name in enumerate(self.joint_names):
             angles = self.angles[:, joint]
             stds = self.angle_stds[:, joint]
-            truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
+            truth = _truth_of(self, joint)
             has_truth = np.isfinite(truth)
             errors = np.abs(angles - truth)[has_truth]
+            is_known = len(errors) > 0
             row: SummaryRow = {
                 "joint": name,
-                "least [deg]": float(np.rad2deg(angles.min())),
-                "greatest [deg]": float(np.rad2deg(angles.max())),
-                "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
-                "RMS error [deg]": None,
-                "largest error [deg]": None,
-                "inside band": None,
+                "least [deg]": degrees(angles.min()),
+                "greatest [deg]": degrees(angles.max()),
+                "median band [deg]": degrees(BAND * np.median(stds)),
+                "RMS error [deg]": degrees(np.sqrt(np.mean(errors**2))) if is_known else None,
+                "largest error [deg]": degrees(errors.max()) if is_known else None,
+                "inside band": float(np.mean(errors <= BAND * stds[has_truth]))
+                if is_known
+                else None,
             }
-            if has_truth.any():
-                row["RMS error [deg]"] = float(np.rad2deg(np.sqrt(np.mean(errors**2))))
-                row["largest error [deg]"] = float(np.rad2deg(errors.max()))
-                row["inside band"] = float(np.mean(errors <= BAND * stds[has_truth]))
             rows.append(row)
         return rows
 
@@ -370,3 +408,270 @@ class Estimate:
         The `options` are those of `distal.plot_estimates`.
         """
         return plot_estimates([self], path=path, **options)
+
+
+def from_start(time: Floats) -> Floats:
+    """Return the time since the first sample [s], (k,).
+
+    Args:
+        time: stamps [s], (k,).
+    """
+    since: Floats = time - time[0]
+    return since
+
+
+def time_label(time: Floats) -> str:
+    """Return the label of the time axis for the stamps `time` [s], (k,)."""
+    return (
+        "time [s]"
+        if abs(time[0]) < 1e-9
+        else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+    )
+
+
+HEALTH_COLOURS = {"ok": COLOURS[2], "untested": COLOURS[5]}
+"""Health word → its colour, for words that are no alarm; all other words are orange."""
+
+WIDEST = 5.0
+"""Least limit of the axis of innovations [standard deviations]. Source: layout."""
+
+
+def draw_innovations(axes: Axes, result: Estimate) -> None:
+    """Draw a result's innovations in standard deviations, with lines at ±2, between which 95 %
+    should be.
+    """
+    ratios = result.innovations / np.sqrt(result.innovation_variances)
+    axes.axhspan(-2.0, 2.0, color=PALE, linewidth=0)
+    for edge in (-2.0, 2.0):
+        axes.axhline(edge, color=SOFT, linewidth=0.7, linestyle=(0, (4, 2)))
+    for i, name in enumerate(result.measured):
+        style = {"color": colour(i), "linewidth": 0.7, "alpha": 0.8}
+        axes.plot(from_start(result.time), ratios[:, i], label=plain(name), **style)
+    sizes = np.abs(ratios[np.isfinite(ratios)])
+    limit = max(WIDEST, 1.2 * np.quantile(sizes, SHARE)) if len(sizes) else WIDEST
+    axes.set_ylim(-limit, limit)
+    axes.set_ylabel("innovation [σ]")
+    _finish(axes, "" if len(sizes) else "nothing is compared")
+
+
+def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
+    """Draw the forces and motor torques at the drives and the tensions that a log has."""
+    sensors = [
+        sensor
+        for sensor in rig.sensors
+        if sensor.measures in ("force", "tension") and sensor.name in log.channels
+    ]
+    for i, sensor in enumerate(sensors):
+        force = log.channels[sensor.name]
+        style = curve_style(i)
+        axes.plot(from_start(log.time), force, linewidth=0.9, label=plain(sensor.name), **style)
+    units = ", ".join(sorted({sensor.si for sensor in sensors}))
+    assumed = "\nassumed scale" if "force" in rig.taken else ""
+    axes.set_ylabel(f"measured [{units}]{assumed}")
+    _finish(axes, "" if sensors else "no force is measured")
+
+
+def _finish(axes: Axes, text: str) -> None:
+    """Put the legend above a panel, and a text that says why it is empty into its middle."""
+    legend_above(axes, most=6)
+    middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
+    axes.text(0.5, 0.5, text, color=SOFT, **middle)
+
+
+SHADED = {"touched": FAINT, "outside": PALE}
+"""Health word → grey on which an angle stands while it holds. Source: layout."""
+
+
+def _spans(time: Floats, health: Sequence[str], word: str) -> list[tuple[float, float]]:
+    """Return begin and length of each time in which a health word holds [s]."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    edges = np.flatnonzero(np.diff(np.array(health) == word, prepend=False, append=False))
+    return [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
+
+
+def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
+    """Draw as bars, in one row for each health word, "ok" first, when the word held.
+
+    Args:
+        time: time since the first sample [s], (k,).
+        health: the health word of each sample, (k,).
+    """
+    words = sorted(set(health), key=lambda word: (word != "ok", word))
+    for row, word in enumerate(words):
+        look = {"color": HEALTH_COLOURS.get(word, COLOURS[1]), "linewidth": 0}
+        axes.broken_barh(_spans(time, health, word), (row - 0.35, 0.7), **look)
+    axes.set_yticks(range(len(words)), words, fontsize=7)
+    axes.set_ylim(len(words) - 0.4, -0.6)
+    axes.set_ylabel("health")
+
+
+PANELS = ("innovations", "forces", "health")
+"""Names of the panels that a plot has on request; see `plot_estimates`."""
+
+SHARE = 0.98
+"""Share of the errors, bands and innovations that an axis shows. Source: layout."""
+
+
+def plot_estimates(
+    estimates: Sequence[Estimate],
+    path: str | Path | None = None,
+    *,
+    title: str | None = None,
+    panels: Sequence[str] = (),
+    log: Log | None = None,
+    rig: Rig | None = None,
+    health: Sequence[str] | None = None,
+) -> Figure:
+    """Draw truth, estimates and their bands over time, with the errors below; each joint has
+    its own column of axes.
+
+    Where the truth is not known, the half-width of the band stands below instead of the errors.
+
+    Args:
+        path: where to save the figure; with None it is only returned.
+        title: title of the figure; by default it is the rig's name.
+        panels: names of further panels, from `PANELS`: the first estimate's innovations in standard
+            deviations, with lines at ±2; measured forces, tensions and torques; and the stream's
+            health.
+        log: log whose forces the panel ``forces`` shows.
+        rig: rig that gives the units of these forces.
+        health: a health word for each sample (`distal.log_health`), for the panel ``health``; where
+            it is one of `SHADED`, the angle stands on grey.
+
+    Raises:
+        OutputError: the file cannot be written, a panel is unknown, or a panel lacks the data that
+            it draws.
+    """
+    first = estimates[0]
+    joints = len(first.joint_names)
+    check_panels(panels)
+    heights = [2.2, 1.1, *(0.8 if panel == "health" else 1.1 for panel in panels)]
+    size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
+    with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (drawing, axes):
+        for joint, name in enumerate(first.joint_names):
+            column = axes[joint::joints]
+            _draw_joint(column[:2], estimates, joint, health)
+            if joints > 1:
+                column[0].set_ylabel(f"{plain(name[:40])} [°]")
+            if not panels:
+                column[1].set_xlabel(time_label(first.time))
+            column[1].tick_params(labelbottom=not panels or joints > 1)
+        for row, panel in enumerate(panels, start=2):
+            position = axes[row * joints]
+            if joints > 1:  # the panel reaches over all columns
+                for cell in axes[row * joints : (row + 1) * joints]:
+                    cell.remove()
+                grid = position.get_gridspec()
+                assert grid is not None
+                position = drawing.add_subplot(grid[row, :], sharex=axes[0])
+            if panel == "innovations":
+                draw_innovations(position, first)
+            elif panel == "forces":
+                if log is None or rig is None:
+                    raise OutputError(
+                        "the panel 'forces' draws what was measured; give log=… and rig=…"
+                    )
+                draw_forces(position, log, rig)
+            else:
+                if health is None:
+                    raise OutputError(
+                        "the panel 'health' draws a word for each sample; give "
+                        "health=distal.log_health(log, rig)"
+                    )
+                draw_health(position, from_start(first.time), health)
+        if panels:  # the lowest one
+            position.set_xlabel(time_label(first.time))
+        drawing.align_ylabels()
+        drawing.suptitle(plain((title or first.rig)[:90]), fontsize=9, x=0.01, ha="left")
+    return save_figure(drawing, path)
+
+
+def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of panels as a tuple; raise an `OutputError` where one is not in
+    `PANELS`.
+    """
+    for panel in panels:
+        if panel not in PANELS:
+            raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
+    return tuple(panels)
+
+
+def _draw_joint(
+    axes: Sequence[Axes], estimates: Sequence[Estimate], joint: int, health: Sequence[str] | None
+) -> None:
+    """Draw one joint: its angle in the upper axes, its error and the band about zero in the lower
+    ones, or the width of its band where no truth is known. Of several joints only the first has a
+    legend.
+    """
+    top, below = axes
+    first = estimates[0]
+    truth = _truth_of(first, joint)
+    since = from_start(first.time)
+    entries: list[tuple[Artist, str]] = []
+    if np.isfinite(truth).any():
+        (line,) = top.plot(since, np.rad2deg(truth), **TRUTH)
+        entries.append((line, "truth"))
+    sizes = []
+    for i, estimate in enumerate(estimates):
+        time = from_start(estimate.time)
+        theta = estimate.angles[:, joint]
+        half = np.rad2deg(BAND * estimate.angle_stds[:, joint])
+        band = _shade(top, time, np.rad2deg(theta), half, i)
+        handle = band, *top.plot(time, np.rad2deg(theta), linewidth=1.2, **curve_style(i))
+        entries.append((handle, f"{estimate.estimator}, {COVERED_TEXT} band"))
+        lower = half
+        if first.truths is not None:
+            lower = np.rad2deg(theta - _truth_of(estimate, joint))
+            _shade(below, time, np.zeros(len(time)), half, i)
+            sizes += [np.abs(lower), half]
+        below.plot(time, lower, linewidth=1.0, **curve_style(i))
+    _limit_angles(top, estimates, joint)
+    for word, grey in SHADED.items():
+        spans = _spans(since, health or (), word)
+        if spans:
+            look = {"color": grey, "linewidth": 0, "zorder": 0}
+            bars = top.broken_barh(spans, (0, 1), transform=top.get_xaxis_transform(), **look)
+            entries.append((bars, word))
+    top.set_ylabel("joint angle θ [°]")
+    if joint == 0:
+        legend_above(top, entries, most=4 if len(first.joint_names) == 1 else 2)
+    if sizes:
+        below.axhline(0.0, color=BLACK, linewidth=0.6)
+        below.set_ylabel("error [°]")
+        # a short large error does not stretch the axis
+        limit = 1.3 * np.nanquantile(sizes, SHARE)
+        below.set_ylim(-limit, limit)
+    else:
+        below.set_ylim(bottom=0.0)
+        below.set_ylabel(f"{COVERED_TEXT} band ± [°]")
+
+
+def _truth_of(estimate: Estimate, joint: int) -> Floats:
+    """Return a joint's true angle [rad], (k,), NaN where it is not known."""
+    if estimate.truths is None:
+        return np.full(len(estimate), np.nan)
+    return estimate.truths[:, joint]
+
+
+def _shade(axes: Axes, time: Floats, middle: Floats, half: Floats, index: int) -> Artist:
+    """Shade a band and draw its edges, so that a band as narrow as a line is visible; return the
+    handle for a legend.
+    """
+    low = middle - half
+    high = middle + half
+    for edge in (low, high):
+        axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
+    return axes.fill_between(time, low, high, color=band_colour(colour(index)), linewidth=0)
+
+
+def _limit_angles(axes: Axes, estimates: Sequence[Estimate], joint: int) -> None:
+    """Keep the limits of an angle axis near the curves; a much wider band is cut off at the
+    limits.
+    """
+    curves = [estimate.angles[:, joint] for estimate in estimates]
+    every = np.rad2deg(np.concatenate([*curves, _truth_of(estimates[0], joint)]))
+    lowest = np.nanmin(every)
+    highest = np.nanmax(every)
+    low, high = axes.get_ylim()
+    room = 0.3 * max(highest - lowest, 1.0)
+    axes.set_ylim(max(low, lowest - room), min(high, highest + room))

@@ -171,22 +171,6 @@ def _need(plan: Plan, axis: Axis, shares: Shares) -> Need:
     return Need(axis.path, verdict, shares)
 
 
-def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
-    """Return which sensors are surely needed and which surely are not, in words; empty where none
-    is.
-    """
-    listed = []
-    for verdict in (Verdict.NEEDED, Verdict.NOT_NEEDED):
-        names = [
-            words_of(plan, need.name)
-            for need in needs
-            if sensor_of(need.name) and need.verdict is verdict
-        ]
-        if names:
-            listed.append(f"{verdict}: {', '.join(names)}")
-    return "; ".join(listed)
-
-
 @dataclass(frozen=True)
 class Answer:
     """The answer of a study.
@@ -286,8 +270,14 @@ def _sentence(
     )
     if count > 1:
         text += f"; worst: {min(scenarios, key=lambda name: scenarios[name].share)}"
-    if short := needs_in_short(plan, needs):
-        text += f"; {short}"
+    for which in (Verdict.NEEDED, Verdict.NOT_NEEDED):
+        sensors = [
+            words_of(plan, need.name)
+            for need in needs
+            if sensor_of(need.name) and need.verdict is which
+        ]
+        if sensors:
+            text += f"; {which}: {', '.join(sensors)}"
     if len(regions) > 1:
         text += f". Best: {': '.join(map(str, regions[0]))}"
     if problems:

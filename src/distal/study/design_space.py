@@ -113,11 +113,6 @@ class Plan:
             :32
         ]
 
-    @property
-    def joint(self) -> int:
-        """The index of the joint that the requirement names."""
-        return self.rig.joint_names.index(self.study.requirement.joint)
-
 
 def shipped_studies() -> tuple[str, ...]:
     """Return the names of the studies that come with distal."""

@@ -141,7 +141,8 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
     else:
         assert outcome.truths is not None  # of a simulated log
         curves = outcome.truths, outcome.angles, outcome.angle_stds
-    truth, estimate, std = (curve[:, plan.joint] for curve in curves)
+    joint = plan.rig.joint_names.index(asked.joint)
+    truth, estimate, std = (curve[:, joint] for curve in curves)
     errors = wrong = np.abs(estimate - truth)
     if isinstance(outcome, ClosedLoop) and asked.joint in outcome.references:
         # in a closed loop the requirement is on the true angle: it is to follow the reference
@@ -164,7 +165,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
     the tasks.
     """
     outcomes: dict[int, Outcome] = {}
-    rigs = [plan.rig.with_values({**s.set, **plan.study.set}) for s in plan.scenarios]
+    rigs = [plan.rig.with_values(s.set | plan.study.set) for s in plan.scenarios]
     setups = dict[tuple[int, int], _Setup]()
     plants = dict[tuple[int, int, str], list[tuple[int, _Setup, Prepared]]]()
     for k, task in enumerate(tasks):
@@ -204,7 +205,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
 
 def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop:
     """Return the closed loop of a rig as built."""
-    plant = {**setup.drawn(_seeds(plan, task)), **setup.fixed}
+    plant = setup.drawn(_seeds(plan, task)) | setup.fixed
     feedback = str(task.design[FEEDBACK]) if FEEDBACK in task.design else None
     scenario = setup.scenario.model_copy(update={"plant": plant})
     return closed_loop(setup.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
@@ -246,7 +247,7 @@ class _Setup:
 
     def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
-        plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
+        plant = Mechanism(self.rig.with_values(self.drawn(seed) | self.fixed), remembers=True)
         start = equilibrium(plant, initial_angles(self.scenario, plant), self.inputs)
         return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
 
@@ -283,8 +284,6 @@ def _motions(group: Sequence[Prepared]) -> Sequence[PlantMotion | DistalError]:
 
 
 Columns = dict[str, NDArray[np.generic]]
-Progress = Callable[[int, int], None]
-Chunk = tuple[int, tuple[int, ...]]
 
 LABEL = "study.json"
 """Name of the file that says to which study a folder belongs."""
@@ -369,7 +368,7 @@ def run_study(
     space: Space,
     folder: Folder,
     workers: int | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Run those chunks of a study whose rows its folder lacks; rows are written as chunks end.
 
@@ -390,7 +389,7 @@ def run_study(
     done = total - sum(len(designs) for _, designs in chunks) * runs_per_design
     if progress is not None:
         progress(done, total)
-    count = (os.cpu_count() or 1) if workers is None else workers
+    count = workers or os.cpu_count() or 1
     is_first = done == 0
     for number, rows in _by_processes(plan, chunks, count):
         problem, *others = set(map(str, rows["problem"]))
@@ -406,7 +405,9 @@ def run_study(
             progress(done, total)
 
 
-def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator[tuple[int, Rows]]:
+def _by_processes(
+    plan: Plan, chunks: Sequence[tuple[int, Sequence[int]]], workers: int
+) -> Iterator[tuple[int, Rows]]:
     if workers == 1:
         yield from ((number, run_chunk(plan, designs)) for number, designs in chunks)
         return

@@ -18,10 +18,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from html import escape
 from itertools import product
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from distal.arrays import Floats
 from distal.confidence import BAND, COVERED_TEXT
@@ -49,6 +51,10 @@ from distal.rig import load_rig, number, tendon_angle_name
 from distal.run import estimate
 from distal.simulation import Scenario, load_scenario, scenario_rig
 from distal.simulation.simulate import motions_of, prepare, sampled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SERIES_1 = ("series-1-soft", "series-1")
 """Scenarios of Series 1, in which a hand moves the link, with softer and stiffer tendons."""
@@ -213,17 +219,14 @@ TESTS = tuple(product(PLANTS, (*SERIES_1, *SERIES_2)))
 """The tests of the reproduction: a plant and a scenario each."""
 
 
+PlantRuns = Sequence[SeriesRun]
+"""Runs of one plant."""
+
+Values = tuple[float, ...]
+"""Values of the measures of a statement, in their order."""
+
 Runs = dict[str, list[SeriesRun]]
 """Name of a plant → its runs."""
-
-
-def all_runs(advance: Callable[[], None]) -> Runs:
-    """Return all runs of the reproduction; `advance` is called after each of its `TESTS`."""
-    runs: Runs = {}
-    for plant, series in TESTS:
-        runs.setdefault(plant.name, []).extend(run_series(series, plant))
-        advance()
-    return runs
 
 
 SIDES = ("left", "right")
@@ -237,8 +240,8 @@ class Measure:
     """
 
     text: str
-    least: float | None
-    most: float | None
+    least: float | None = None
+    most: float | None = None
 
     def margin(self, value: float) -> float:
         """Return how far a value is inside its bound, as a share of the bound.
@@ -247,10 +250,9 @@ class Measure:
         """
         if not np.isfinite(value):
             return -np.inf
-        below = np.inf if self.least is None else (value - self.least) / abs(self.least)
-        return float(
-            min(below, np.inf if self.most is None else (self.most - value) / abs(self.most))
-        )
+        above = [] if self.least is None else [(value - self.least) / abs(self.least)]
+        below = [] if self.most is None else [(self.most - value) / abs(self.most)]
+        return min(above + below)
 
 
 @dataclass(frozen=True)
@@ -281,25 +283,16 @@ class Statement:
 @lru_cache(maxsize=1)
 def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `claims.toml`."""
-    text = resource("claims.toml", "distal.reports.paper_2008")
-    return tuple(
-        Statement(
-            key,
-            main["statement"],
-            main["why"],
-            main["reason"],
-            tuple(
-                Measure(each["measure"], each.get("least"), each.get("most"))
-                for each in (main, *main.get("also", ()))
-            ),
-        )
-        for key, main in tomllib.loads(text).items()
-    )
+    described = tomllib.loads(resource("claims.toml", "distal.reports.paper_2008"))
+    return TypeAdapter(tuple[Statement, ...]).validate_python(described["statements"])
 
 
-def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:
+def measured(runs: PlantRuns) -> dict[str, Values]:
     """Return key of a statement → values of its measures, from the runs of one plant."""
-    return {key: measure(runs) for key, measure in _MEASURES.items()}
+    values = {key: measure(runs) for key, measure in _MEASURES.items()}
+    for key, (series, estimator, over, other) in _RATIOS.items():
+        values[key] = (rms(runs, series, estimator) / rms(runs, over, other),)
+    return values
 
 
 @dataclass(frozen=True)
@@ -309,7 +302,7 @@ class Claim:
     """
 
     statement: Statement
-    values: Mapping[str, tuple[float, ...]]
+    values: Mapping[str, Values]
 
     def holds(self, plant: str) -> bool:
         """Return whether the statement holds on a plant: whether all its measures are within their
@@ -330,21 +323,12 @@ friction, and those that do not hold on the latter.
 """
 
 
-def measure_claims(runs: Runs) -> tuple[Claim, ...]:
-    """Return the paper's statements with the values of their measures on both plants."""
-    by_plant = {plant: measured(of_plant) for plant, of_plant in runs.items()}
-    return tuple(
-        Claim(statement, {plant: values[statement.key] for plant, values in by_plant.items()})
-        for statement in statements()
-    )
-
-
 def _pooled(errors: Sequence[Floats]) -> float:
     """Return the RMS of several errors [rad] over all their samples [°]."""
-    return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
+    return degrees(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
 
-def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
+def rms(runs: PlantRuns, series: str, estimator: str) -> float:
     """Return the RMS error of an estimator in a series, pooled over all samples and seeds [°].
 
     Args:
@@ -354,31 +338,28 @@ def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
     return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
 
-def _of(runs: Sequence[SeriesRun], series: str) -> list[SeriesRun]:
+def _of(runs: PlantRuns, series: str) -> list[SeriesRun]:
     return [run for run in runs if run.series == series]
 
 
-def potentiometer_errors(run: SeriesRun) -> tuple[Floats, Floats]:
+def potentiometer_errors(run: SeriesRun) -> list[Floats]:
     """Return the errors of the angles by the left and the right potentiometer [rad], (n,) each.
 
     The tendons are taken as inextensible.
     """
     estimate = run.estimates["inextensible"]
-    left, right = (
-        estimate.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES
-    )
-    return left, right
+    return [estimate.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES]
 
 
-def _potentiometer_rms(runs: Sequence[SeriesRun], series: str) -> list[float]:
+def _potentiometer_rms(runs: PlantRuns, series: str) -> list[float]:
     return [_pooled(errors) for errors in zip(*map(potentiometer_errors, _of(runs, series)))]
 
 
-def _c1(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
+def _c1(runs: PlantRuns) -> Values:
     return (min(_potentiometer_rms(runs, "series-1-soft")),)
 
 
-def _c2(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
+def _c2(runs: PlantRuns) -> Values:
     opposing = []
     assisting = []
     for run in _of(runs, "series-1-soft"):
@@ -392,7 +373,7 @@ def _c2(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     return (_pooled(opposing) / _pooled(assisting),)
 
 
-def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
+def _c3(runs: PlantRuns) -> Values:
     soft, stiff = (float(np.mean(_potentiometer_rms(runs, series))) for series in SERIES_1)
     alike = [
         np.corrcoef(
@@ -404,13 +385,13 @@ def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     return stiff / soft, stiff, float(np.mean(alike))
 
 
-def _c4(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
+def _c4(runs: PlantRuns) -> Values:
     motions = [
         hidden_motion(run.log.truth["theta"], run.log.truth[f"position_{side}"])
         for run in _of(runs, "series-1-soft")
         for side in SIDES
     ]
-    return (float(np.rad2deg(max(motions))),)
+    return (degrees(max(motions)),)
 
 
 def hidden_motion(theta: Floats, position: Floats) -> float:
@@ -425,31 +406,22 @@ def hidden_motion(theta: Floats, position: Floats) -> float:
     for end in range(len(theta)):
         while np.ptp(position[start : end + 1]) > 1e-4:
             start += 1
-        largest = max(largest, float(np.ptp(theta[start : end + 1])))
+        largest = max(largest, np.ptp(theta[start : end + 1]))
     return largest
 
 
-def _ratio(
-    numerator: tuple[str, str], denominator: tuple[str, str]
-) -> Callable[[Sequence[SeriesRun]], tuple[float, ...]]:
-    """Return a measure: the RMS error of one pair (series, estimator) divided by that of
-    another.
-    """
-    return lambda runs: (rms(runs, *numerator) / rms(runs, *denominator),)
-
-
-def _c8(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
+def _c8(runs: PlantRuns) -> Values:
     def beyond(series: str) -> float:
         """Return the error of the free simulation at the end [°]."""
         errors = [run.estimates["simulation"].errors()[-50:] for run in _of(runs, series)]
-        return float(np.rad2deg(np.mean(errors)))
+        return degrees(np.mean(errors))
 
     low = beyond("series-2")
     high = beyond("series-2-high")
     return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
 
 
-def _c9(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
+def _c9(runs: PlantRuns) -> Values:
     changes = [
         run.estimates["inextensible"].means - run.estimates["without linearity"].means
         for run in _of(runs, "series-1")
@@ -457,46 +429,37 @@ def _c9(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     return (_pooled([change[:, 1:3] for change in changes]),)
 
 
-_MEASURES: dict[str, Callable[[Sequence[SeriesRun]], tuple[float, ...]]] = {
-    "C1": _c1,
-    "C2": _c2,
-    "C3": _c3,
-    "C4": _c4,
-    "C5": _ratio(("series-2", "ekf-2008"), ("series-2", "inextensible")),
-    "C6": _ratio(("series-2-high", "inextensible"), ("series-2", "inextensible")),
-    "C7": _ratio(("series-2-high", "ekf-2008"), ("series-2-high", "inextensible")),
-    "C8": _c8,
-    "C9": _c9,
-    "C10": _ratio(("series-2", "ekf-2008"), ("series-2", "hung weights")),
-    "C11": _ratio(("series-2", "better cells"), ("series-2", "ekf-2008")),
-    "C12": _ratio(("series-2", "observed friction"), ("series-2", "ekf-2008")),
+_MEASURES = {"C1": _c1, "C2": _c2, "C3": _c3, "C4": _c4, "C8": _c8, "C9": _c9}
+"""Key of a statement → function that measures it."""
+
+_RATIOS = {
+    "C5": ("series-2", "ekf-2008", "series-2", "inextensible"),
+    "C6": ("series-2-high", "inextensible", "series-2", "inextensible"),
+    "C7": ("series-2-high", "ekf-2008", "series-2-high", "inextensible"),
+    "C10": ("series-2", "ekf-2008", "series-2", "hung weights"),
+    "C11": ("series-2", "better cells", "series-2", "ekf-2008"),
+    "C12": ("series-2", "observed friction", "series-2", "ekf-2008"),
 }
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+"""Key of a statement → series and estimator whose RMS error is divided by that of another pair."""
 
 FIGURES = {
-    "figure-2": "series-1-soft",
-    "figure-3": "series-2",
-    "figure-4": "series-2-medium",
-    "figure-5": "series-2-high",
+    "figure-2": (
+        "series-1-soft",
+        "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle "
+        "from each potentiometer, tendons taken as inextensible, against the encoder.",
+    ),
+    "figure-3": (
+        "series-2",
+        "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, simulation from "
+        "the measured forces alone, and Kalman filters; below, the errors of all but the first "
+        f"with the {COVERED_TEXT} band of adaptive. The link rests afterwards, up to 8 s.",
+    ),
+    "figure-4": ("series-2-medium", "Series 2 at higher tension: 3 N against 9 N."),
+    "figure-5": ("series-2-high", "Series 2 at the highest tension: 4 N against 12 N."),
 }
-"""Name of a figure → its scenario; the paper does not print the higher weights of its figures 4 and
-5.
+"""Name of a figure → its scenario and its caption; the paper does not print the higher weights of
+its figures 4 and 5.
 """
-
-CAPTIONS = {
-    "figure-2": "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle "
-    "from each potentiometer, tendons taken as inextensible, against the encoder.",
-    "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, simulation from "
-    "the measured forces alone, and Kalman filters; below, the errors of all but the first with "
-    f"the {COVERED_TEXT} band of adaptive. The link rests afterwards, up to 8 s.",
-    "figure-4": "Series 2 at higher tension: 3 N against 9 N.",
-    "figure-5": "Series 2 at the highest tension: 4 N against 12 N.",
-}
-"""Name of a figure → its caption."""
 
 FILTERS = {"ekf-2008": 1, "ekf": 2, "adaptive": 0, "simulation": 4, "inextensible": 3}
 """Estimate in the figures of Series 2 → index of its colour and dash."""
@@ -508,7 +471,7 @@ AFTER = 0.4
 """Time that the figures show after the link has come to rest [s]. Source: layout."""
 
 
-def end_of_motion(shown: Sequence[SeriesRun]) -> float:
+def end_of_motion(shown: PlantRuns) -> float:
     """Return the time at which the figures of some runs end [s]: `AFTER` the link has come to rest
     in all.
     """
@@ -525,9 +488,8 @@ def draw_figure(name: str, runs: Runs) -> Figure:
 
     Curves are of the first seed.
     """
-    shown = [
-        next(run for run in of_plant if run.series == FIGURES[name]) for of_plant in runs.values()
-    ]
+    series, _ = FIGURES[name]
+    shown = [_of(of_plant, series)[0] for of_plant in runs.values()]
     n = len(shown)
     layout = {"sharex": True, "sharey": "row", "height_ratios": [1.6, 1]}
     with figure(2, n, (7.2, 5.2), **layout) as (drawing, axes):
@@ -582,7 +544,7 @@ ESTIMATES = ("inextensible", "simulation", "ekf-2008", "observed friction", "ekf
 """Estimates in the table of errors."""
 
 FILES = (
-    *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
+    *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")),
     "results.json",
     "index.html",
 )
@@ -609,7 +571,7 @@ NOTE = (
 
 def steps() -> int:
     """Return how often `reproduce` calls its `advance`."""
-    return len(TESTS) + len(CAPTIONS)
+    return len(TESTS) + len(FIGURES)
 
 
 def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
@@ -627,18 +589,30 @@ def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
     """
     check_outputs(outputs_in(out, FILES, "the reproduction"))
     folder = make_folder(out)
-    runs = all_runs(advance)
-    claims = measure_claims(runs)
+    runs: Runs = {}
+    for simulated, scenario in TESTS:
+        runs.setdefault(simulated.name, []).extend(run_series(scenario, simulated))
+        advance()
+    by_plant = {name: measured(of_plant) for name, of_plant in runs.items()}
+    claims = tuple(
+        Claim(statement, {name: values[statement.key] for name, values in by_plant.items()})
+        for statement in statements()
+    )
     pictures = list[str]()
     files = dict[Path, bytes | str]()
-    for name, caption in CAPTIONS.items():
+    for name, (_, caption) in FIGURES.items():
         drawing = draw_figure(name, runs)
         for path in (folder / f"{name}.png", folder / f"{name}.svg"):
             files[path] = figure_bytes(drawing, path)
         titled = f"{name.replace('-', ' ').capitalize()}. {caption}"
         pictures.append(picture(svg_of(drawing, caption), titled))
         advance()
-    errors = errors_of(runs)
+    errors: Errors = {
+        plant: {
+            series: {name: rms(of_plant, series, name) for name in ESTIMATES} for series in SERIES_2
+        }
+        for plant, of_plant in runs.items()
+    }
     text = json.dumps(results(claims, errors), indent=2, ensure_ascii=False)
     files[folder / "results.json"] = text + "\n"
     files[folder / "index.html"] = _page(claims, errors, pictures)
@@ -648,16 +622,6 @@ def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
 
 Errors = dict[str, dict[str, dict[str, float]]]
 """Name of a plant → scenario → estimate → RMS error [°]."""
-
-
-def errors_of(runs: Runs) -> Errors:
-    """Return the errors in Series 2 of all estimates."""
-    return {
-        plant: {
-            series: {name: rms(of_plant, series, name) for name in ESTIMATES} for series in SERIES_2
-        }
-        for plant, of_plant in runs.items()
-    }
 
 
 def results(claims: Sequence[Claim], errors: Errors) -> dict[str, object]:
