@@ -51,3 +51,13 @@ def test_the_model_is_never_overwritten(run, model: Path) -> None:
     ran = run("rig", "from-mjcf", model, "--out", model)
     assert ran.code != 0
     assert model.read_text() == FINGER
+
+
+def test_a_rig_file_is_never_overwritten(run, model: Path, tmp_path: Path) -> None:
+    """It may have been changed by hand since."""
+    out = tmp_path / "rig.toml"
+    out.write_text("name = 'mine'\n")
+    ran = run("rig", "from-mjcf", model, "--out", out)
+    assert ran.code != 0
+    assert str(out) in ran.err
+    assert out.read_text() == "name = 'mine'\n"

@@ -231,7 +231,7 @@ def from_mjcf_command(
     from distal.errors import RigError
     from distal.rig import from_mujoco
 
-    check_command_outputs(to_file(out), rig=str(model))
+    check_new_rig(out, model)
     if length_unit not in LENGTH_UNITS:
         raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
