@@ -86,9 +86,8 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: fl
     )
     constant = tension * (1 - making)
     share = ca.SX(1)
-    sliders = {drive.name for drive in rig.drives if drive.kind == "slider"}
     for i, tendon in enumerate(rig.tendons):
-        if tendon.drive in sliders:
+        if rig.drive(tendon.drive).kind == "slider":
             lifts = constant[i] > 1e-6 * tension
             share = ca.fmax(
                 share, ca.if_else(lifts, -needed[i] / ca.if_else(lifts, constant[i], 1), 1)
@@ -98,8 +97,14 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: fl
 
 def feedback_of(joint: JointControl) -> Feedback:
     """Return the feedback that the gains of a scenario stand for."""
-    gains = joint.deadband, joint.proportional, joint.integral, joint.derivative
-    return Feedback(0.0, *gains, torque_limit=joint.torque_limit or inf)
+    return Feedback(
+        0.0,
+        joint.deadband,
+        joint.proportional,
+        joint.integral,
+        joint.derivative,
+        joint.torque_limit or inf,
+    )
 
 
 class PID:
@@ -121,35 +126,28 @@ class PID:
         n = len(joints)
         self._rig = rig
         self._joints = joints
-        self._period = period
-        self._layout = Layout(
+        self._layout = layout = Layout(
             **dict.fromkeys((*REMEMBERED, "speed", "last"), n), begun=1, commands=len(rig.drives)
         )
-        self._law = Evaluation(self._function(co_contraction))
-        self._memory = np.zeros(self._layout.size)
-
-    def _function(self, co_contraction: float) -> ca.Function:
-        """Return the function (angles, memory, reference) → memory⁺, of which the commands are a
-        part.
-        """
-        mechanism = Mechanism(self._rig)
+        self._memory = np.zeros(layout.size)
+        mechanism = Mechanism(rig)
         angles = ca.SX.sym("angles", mechanism.n_joints)
-        memory = ca.SX.sym("memory", self._layout.size)
-        reference = ca.SX.sym("reference", len(self._joints))
-        before = self._layout.parts(memory)
-        at = [self._rig.joint_names.index(name) for name in self._joints]
-        turned = (angles[at] - before["last"]) / self._period
+        memory = ca.SX.sym("memory", layout.size)
+        reference = ca.SX.sym("reference", n)
+        before = layout.parts(memory)
+        at = [rig.joint_names.index(name) for name in joints]
+        turned = (angles[at] - before["last"]) / period
         speed = before["speed"] + before["begun"] * SMOOTHED * (turned - before["speed"])
         made = feedback_torques(
-            Feedback.gains([feedback_of(joint) for joint in self._joints.values()]),
+            Feedback.gains([feedback_of(joint) for joint in joints.values()]),
             before=before,
             error=reference - angles[at],
             lag=-speed,
-            dt=self._period,
+            dt=period,
         )
         torques = ca.SX.zeros(mechanism.n_joints)
         torques[at] = made.torques
-        after = self._layout.joined(
+        after = layout.joined(
             **made.after,
             speed=speed,
             last=angles[at],
@@ -158,7 +156,9 @@ class PID:
         )
         p = mechanism.parameters
         known = ca.substitute(after, p.symbols, ca.DM(p.values))
-        return ca.Function("pid", [angles, memory, reference], [ca.densify(known)])
+        # the commands are a part of the memory afterwards
+        law = ca.Function("pid", [angles, memory, reference], [ca.densify(known)])
+        self._law = Evaluation(law)
 
     def part(self, name: str) -> Floats:
         """Return a part of what the controller remembers, such as "effort", the integral of the
@@ -178,51 +178,43 @@ class PID:
         return dict(zip(self._rig.drive_names, self.part("commands").tolist()))
 
 
-class CommandedForces:
-    """A controller by `LiveInverse` for drives that follow forces. The inverse has a filter of its
-    own, which also tells the angles, so that no second one runs.
+def commanded_forces(
+    rig: Rig, joints: Mapping[str, JointControl], co_contraction: float
+) -> tuple[Controller, Teller]:
+    """Return a controller by `LiveInverse` for drives that follow forces, and what tells it the
+    angles: the inverse has a filter of its own, so that no second one runs.
 
     Args:
         joints: reference and gains by joint; other joints stay where they are.
         co_contraction: tension of all tendons without a torque [N]; each tendon keeps at least the
             share `KEPT` of it.
     """
+    feedback = {name: feedback_of(one) for name, one in joints.items()}
+    inverse = LiveInverse(
+        rig, least_tension=KEPT * co_contraction, feedback=feedback, compensates=True
+    )
+    at = [rig.sensor_names.index(channel) for channel in inverse.channels]
+    forces = dict.fromkeys(rig.drive_names, 0.0)
 
-    def __init__(self, rig: Rig, joints: Mapping[str, JointControl], co_contraction: float) -> None:
-        feedback = {name: feedback_of(one) for name, one in joints.items()}
-        self._inverse = LiveInverse(
-            rig, least_tension=KEPT * co_contraction, feedback=feedback, compensates=True
-        )
-        self._at = [rig.sensor_names.index(channel) for channel in self._inverse.channels]
-        self._joints = joints
-        self._forces: Floats = np.zeros(len(rig.drives))
-
-    def tell(self, stamp: float, values: Floats) -> Reading:
-        """Return the filter's estimate from the `values` of all sensors [SI] at a `stamp` [s], and
-        compute the forces to be commanded.
-        """
-        desired = references_at(self._joints, stamp)
-        command = self._inverse.step(stamp, desired, values[self._at])
-        self._forces = command.forces
+    def tell(stamp: float, values: Floats) -> Reading:
+        command = inverse.step(stamp, references_at(joints, stamp), values[at])
+        forces.update(zip(rig.drive_names, command.forces.tolist()))
         return command.reading
 
-    def __call__(
-        self, time: float, measured: Mapping[str, float], estimate: Reading
-    ) -> dict[str, float]:
-        """Return the forces by drive that `tell` has computed last [N or N m]. The arguments are
-        those of every controller: the `time` [s], what is `measured`, and the estimate; they are
-        not used.
-        """
-        return dict(zip(self._inverse.rig.drive_names, self._forces.tolist()))
+    return lambda time, measured, estimate: forces.copy(), tell
 
 
 def references_at(joints: Mapping[str, JointControl], time: float) -> dict[str, float]:
     """Return the desired angle of each joint at a `time` [s], by joint [rad]."""
-    return {name: float(one.reference.at(np.array([time]))[0]) for name, one in joints.items()}
+    return {name: float(one.reference.at(np.array(time))) for name, one in joints.items()}
 
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+Samples: TypeAlias = list[tuple[float, Floats]]
+"""Stamps [s], each with values in the order of the rig's sensors [SI]."""
 
 
 class SteppedPlant(Protocol):
@@ -244,10 +236,10 @@ class SteppedPlant(Protocol):
     def angles(self) -> Floats:
         """True angles of the joints now [rad], (n_joints,)."""
 
-    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+    def reset(self, seed: int = 0) -> Samples:
         """Go back to the start and return the samples at time zero."""
 
-    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+    def step(self, commands: Mapping[str, float]) -> Samples:
         """Go on by one period with the `commands` by drive [N or N m]. Return the samples in it:
         stamps [s], and values in the order of the rig's sensors [SI].
         """
@@ -286,11 +278,18 @@ class ControlledPlant:
         self._kernel = plant_kernel(plant, prepared.count)
         self.begin = at_rest(plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
-        self._all_rows = rows_of(prepared.inputs, prepared.dt)
+        self._rows = rows_of(prepared.inputs, prepared.dt)
+        self._grid = prepared.grid(len(self._rows) + 1)
         self._stamps = stamps_of(plant.rig, 0.0, duration)
         latest = max((sensor.delay for sensor in plant.rig.sensors), default=0.0)
         self._looks_back = ceil(latest / prepared.dt) + self._per_period + 1
-        self._shares, self._lowest, self._highest = drive_parameters(plant.rig, prepared.dt)
+        # the share of a change of its command that a drive follows within an interval
+        self._shares = np.array(
+            [1.0 - exp(-prepared.dt / d.lag) if d.lag > 0.0 else 1.0 for d in self._drives]
+        )
+        self._highest = np.array([inf if d.limit is None else d.limit for d in self._drives])
+        is_slider = [drive.kind == "slider" for drive in self._drives]
+        self._lowest = np.where(is_slider, 0.0, -self._highest)
         self.reset()
 
     @property
@@ -301,28 +300,27 @@ class ControlledPlant:
     @property
     def finished(self) -> bool:
         """Whether the scenario is over."""
-        return self._done >= len(self._all_rows)
+        return self._done >= len(self._rows)
 
     @property
     def angles(self) -> Floats:
         """True angles of the joints now [rad], (n_joints,)."""
         return self._y[self._done, : self.plant.n_joints].copy()
 
-    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+    def reset(self, seed: int = 0) -> Samples:
         """Go back to the start and return the samples at time zero; see `step`."""
         rig = self.plant.rig
         (self._kernel_state, first) = self.begin
         self._done = 0
         self._taken = 0
-        self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
+        self._y = np.full((len(self._rows) + 1, first.shape[1]), np.nan)
         self._y[0] = first[0]
-        self._rows = self._all_rows.copy()
         self._efforts: Floats = np.zeros(len(self._drives))
         self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
         self._sampler = Sampler(self.plant, seed)
         return self._read()
 
-    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+    def step(self, commands: Mapping[str, float]) -> Samples:
         """Go on by one period and return the samples in it: their stamps [s] and the sensors'
         values [SI], NaN for a sensor without one.
 
@@ -335,13 +333,29 @@ class ControlledPlant:
         """
         if self.finished:
             raise ControlError("the scenario is over; call reset")
-        desired: Floats = np.clip(self._checked(commands), self._lowest, self._highest)
+        names = self.plant.rig.drive_names
+        asked = np.zeros(len(names))
+        for name, command in commands.items():
+            if name not in names:
+                raise ControlError(
+                    f"the controller commands '{name}', the rig has no such "
+                    f"drive{did_you_mean(name, names)}"
+                )
+            is_number = isinstance(command, (int, float, np.floating, np.integer))
+            if not (is_number and isfinite(command)):
+                raise ControlError(
+                    f"the controller's command for '{name}' at {self.time:g} s is no number: "
+                    f"{command!r}"
+                )
+            asked[names.index(name)] = command
+        desired = np.clip(asked, self._lowest, self._highest)
         end = min(self._done + self._per_period, len(self._rows))
         drives = slice(self.plant.n_joints, self.plant.n_bodies)
-        for row in self._rows[self._done : end]:
+        rows = self._rows[self._done : end].copy()
+        for row in rows:
             self._efforts += self._shares * (desired - self._efforts)
             row[drives] += self._efforts
-        feed = Feed(self._kernel_state, self._rows[self._done : end], self.plant.parameters.values)
+        feed = Feed(self._kernel_state, rows, self.plant.parameters.values)
         kernel_states, ys = advance(self._kernel, feed)
         self._kernel_state = kernel_states[-1]
         self._y[self._done + 1 : end + 1] = ys
@@ -357,49 +371,19 @@ class ControlledPlant:
 
     def log(self) -> Log:
         """Return what the sensors have read so far, with the truth beside it."""
-        motion = PlantMotion(self.plant, self._y[: self._done + 1])
-        grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
-        read = self._samples[: self._taken]
-        return log_of(motion, grid, self._stamps[: self._taken], read, self.prepared.scenario)
+        read = slice(self._taken)
+        y = self._y[: self._done + 1]
+        return log_of(self.prepared, y, self._stamps[read], self._samples[read])
 
-    def _checked(self, commands: Mapping[str, float]) -> Floats:
-        names = self.plant.rig.drive_names
-        desired = np.zeros(len(names))
-        for name, command in commands.items():
-            if name not in names:
-                raise ControlError(
-                    f"the controller commands '{name}', the rig has no such "
-                    f"drive{did_you_mean(name, names)}"
-                )
-            is_number = isinstance(command, (int, float, np.floating, np.integer))
-            if not (is_number and isfinite(command)):
-                raise ControlError(
-                    f"the controller's command for '{name}' at {self.time:g} s is no number: "
-                    f"{command!r}"
-                )
-            desired[names.index(name)] = command
-        return desired
-
-    def _read(self) -> list[tuple[float, Floats]]:
+    def _read(self) -> Samples:
         """Return the samples whose stamps have come."""
         end = int(np.searchsorted(self._stamps, self.time + 1e-9, side="right"))
         stamps = self._stamps[self._taken : end]
-        rows = np.arange(max(0, self._done - self._looks_back), self._done + 1)
-        grid: Floats = self.prepared.dt * rows.astype(np.float64)
-        samples = self._sampler.read(self._y[rows], grid, stamps)
+        rows = slice(max(0, self._done - self._looks_back), self._done + 1)
+        samples = self._sampler.read(self._y[rows], self._grid[rows], stamps)
         self._samples[self._taken : end] = samples
         self._taken = end
         return [*zip(stamps.tolist(), samples)]
-
-
-def drive_parameters(rig: Rig, dt: float) -> Floats:
-    """Return three numbers of each drive, (3, n_drives): the share of a change of its command that
-    it follows within an interval `dt` [s], and the lowest and highest command.
-    """
-    shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
-    high = [inf if drive.limit is None else drive.limit for drive in rig.drives]
-    low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]
-    return np.array([shares, low, high])
 
 
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
@@ -521,7 +505,12 @@ def closed_loop(
     scenario = as_scenario(scenario)
     rig = as_rig(rig)
     control = scenario.control
-    length = _period(period, scenario)
+    length = 0.01 if control is None else control.period
+    if period is not None:
+        try:
+            length = to_si(period, "s")
+        except ValueError as problem:
+            raise ControlError(f"period: {problem}") from None
     feedback = feedback or (usual_estimator(rig) if control is None else control.feedback)
     step = ENCODER_STEP if control is None else control.encoder_resolution
     if controller is not None:
@@ -533,8 +522,8 @@ def closed_loop(
     check_names(joints, rig.joint_names, "control.joints", "joint", ControlError)
     plant = ControlledPlant(rig, scenario, length)
     if feedback == COMMAND:
-        commanded = CommandedForces(rig, joints, control.co_contraction)
-        run = _run(plant, commanded, commanded.tell, feedback, seed)
+        controlled = commanded_forces(rig, joints, control.co_contraction)
+        run = _run(plant, *controlled, feedback, seed)
     else:
         pid = PID(rig, joints, length, control.co_contraction)
         run = run_controller(plant, pid, feedback, seed, encoder_step=step)
@@ -567,7 +556,8 @@ def _run(
     plant: SteppedPlant, controller: Controller, tell: Teller, feedback: str, seed: int
 ) -> ClosedLoop:
     """Return the loop of a controller that is told the angles by `tell`."""
-    rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
+    rows = list[tuple[float, Floats, Sequence[float], Sequence[float]]]()
+    requests = list[Mapping[str, float]]()
     measured = dict[str, float]()
     reading = None
     waiting = dict[str, float]()
@@ -580,45 +570,29 @@ def _run(
                 name: number for name, number in zip(names, values.tolist()) if number == number
             }
         assert reading is not None
-        asked = _called(controller, plant.time, dict(measured), reading)
-        rows.append((plant.time, plant.angles, reading, asked))
+        time = plant.time
+        try:
+            asked = controller(time, dict(measured), reading)
+        except Exception as problem:
+            reason = ": ".join(filter(None, (type(problem).__name__, str(problem))))
+            raise ControlError(f"the controller failed at {time:g} s: {reason}") from problem
+        if not isinstance(asked, Mapping):
+            raise ControlError(
+                f"the controller returns commands by drive, {asked!r:.60} came at {time:g} s"
+            )
+        rows.append((time, plant.angles, reading.angles, reading.angle_stds))
+        requests.append(asked)
         samples = plant.step(waiting)
         waiting = dict(asked)
         if plant.finished:
             break
-    times, angles, readings, requests = zip(*rows)
-    estimates = [reading.angles for reading in readings]
-    stds = [reading.angle_stds for reading in readings]
-    arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
+    times, angles, estimates, stds = map(np.array, zip(*rows))
     commands = {
         name: np.array([float(request.get(name, 0.0)) for request in requests])
         for name in plant.rig.drive_names
     }
-    return ClosedLoop(plant.rig, plant.log(), feedback, *arrays, commands, {})
-
-
-def _called(
-    controller: Controller, time: float, measured: Mapping[str, float], reading: Reading
-) -> Mapping[str, float]:
-    try:
-        asked = controller(time, measured, reading)
-    except Exception as problem:
-        reason = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
-        raise ControlError(f"the controller failed at {time:g} s: {reason}") from problem
-    if not isinstance(asked, Mapping):
-        raise ControlError(
-            f"the controller returns commands by drive, {asked!r:.60} came at {time:g} s"
-        )
-    return asked
-
-
-def _period(period: float | str | None, scenario: Scenario) -> float:
-    if period is None:
-        return 0.01 if scenario.control is None else scenario.control.period
-    try:
-        return to_si(period, "s")
-    except ValueError as problem:
-        raise ControlError(f"period: {problem}") from None
+    log = plant.log()
+    return ClosedLoop(plant.rig, log, feedback, times, angles, estimates, stds, commands, {})
 
 
 def _encoder(plant: SteppedPlant, step: float) -> Teller:

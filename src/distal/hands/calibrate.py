@@ -23,7 +23,7 @@ from itertools import combinations
 from math import degrees, log, nan, pi
 from pathlib import Path
 from statistics import NormalDist
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -72,9 +72,14 @@ ITERATIONS = 3
 """How often the ends are linearized anew. Source: rounding (5e-6 rad, travel 20 % off)."""
 
 
-def part_values(
-    log: Log, part: Subsystem, sweeps: Mapping[str, Sequence[Sweep]]
-) -> dict[str, object]:
+Values: TypeAlias = dict[str, object]
+"""Path by names → value, in a rig."""
+
+Sweeps: TypeAlias = Mapping[str, Sequence[Sweep]]
+"""Motor → its sweeps."""
+
+
+def part_values(log: Log, part: Subsystem, sweeps: Sweeps) -> Values:
     """Return path by names → value of the parameters of one independent subsystem; tendons of a
     pair under tension have a negative slack.
 
@@ -89,14 +94,8 @@ def part_values(
     rig = part.rig
     drives = rig.drive_names
     begin = min(sweeps[name][0].end for name in drives)
-    rows = slice(begin, max(sweeps[name][-1].end for name in drives) + 1)
-    names = [sensor.name for sensor in rig.sensors if sensor.name in log.channels]
-    cut = Log(
-        log.time[rows] - log.time[begin],
-        {name: log.channels[name][rows] for name in names},
-        {},
-        log.source,
-    )
+    end = max(sweeps[name][-1].end for name in drives)
+    cut = replace(log.select(slice(begin, end + 1)), truth={})
     pairs = all(is_pair(rig, name) for name in drives)
     at_ends = _at_ends(rig, sweeps)
     prior = rig.with_values(at_ends)
@@ -118,11 +117,11 @@ def part_values(
     )
 
 
-def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
+def _at_ends(rig: Rig, sweeps: Sweeps) -> Values:
     """Return path by names → prior by the ends of the sweeps: zeros and radii of motors, slack,
     angles of joints at the end of the first sweep, noise of torques.
     """
-    values = dict[str, object]()
+    values = Values()
     for sensor in rig.sensors_of("force"):
         # friction is not the same everywhere, and the rig says how well it is known
         noise = rig.drive(sensor.of).friction.constant.total_std
@@ -140,7 +139,7 @@ def _at_ends(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, objec
     return values
 
 
-def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str, object]:
+def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> Values:
     """Return path by names → a motor's zero and radius and its tendons' slack, as the ends of the
     travel and the rig tell them together (Kalman, J. Basic Engineering 82, 1960, iterated).
 
@@ -168,7 +167,7 @@ def _by_contacts(rig: Rig, sensor: Sensor, sweeps: Sequence[Sweep]) -> dict[str,
         gain = np.linalg.solve(seen, cross).T
         x = prior + gain @ (met - x[0] - away - slopes @ (prior - x))
     names = [f"sensors.{sensor.name}.bias", f"drives.{drive.name}.radius"]
-    values = dict[str, object]()
+    values = Values()
     for tendon in tendons if len(tendons) == 2 else ():
         names.append(f"tendons.{tendon.name}.slack")
         values[f"tendons.{tendon.name}.pretension"] = {"value": 0.0, "std": 0.0}
@@ -235,7 +234,7 @@ def _exchanges(problem: Problem, prior: Rig) -> list[tuple[int, int, float]]:
     ]
 
 
-def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
+def _with_ranges(rig: Rig, values: Mapping[str, object]) -> Values:
     """Return the values with wider stds: radii, zeros and slack are known no better than the ranges
     of joints by which they were found, and springs no better than `SPRINGS_APART`.
     """
@@ -370,7 +369,7 @@ def _slack(rig: Rig, drive: str) -> tuple[float, float]:
     return sum(slack.value for slack in slacks), float(std)
 
 
-def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
+def slack_of(found: Rig, rig: Rig, sweeps: Sweeps) -> tuple[Fault, ...]:
     """Return the pairs of tendons that are slack by their travel, or by the calibrated rig `found`,
     of motors without another fault; `sweeps` are theirs.
     """
@@ -396,7 +395,7 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
     return tuple(faults)
 
 
-def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
+def check_units(rig: Rig, sweeps: Sweeps, source: str) -> None:
     """Check that the motors turn, and pull, as far as a hand's can.
 
     Raises:
@@ -464,7 +463,7 @@ class _Line:
             std = np.hypot(std, tendon.slack.total_std)
             length += tendon.slack.value
             rows.append((arm, way * arm, way * length, std, met * self.radius.value))
-        columns = np.array(rows, dtype=np.float64).T / self.radius.value
+        columns = np.array(rows).T / self.radius.value
         self.arms, self.per_stop, self.ends, self.stds, self.met = columns
         # a zero that is not known is anywhere
         std = self.zero.total_std
@@ -493,7 +492,7 @@ class _Line:
         size = off @ far + np.linalg.slogdet(2 * pi * spread)[1]
         return -size / 2, off @ far, first @ far, np.sqrt(1 - first @ seen)
 
-    def turned(self, sign: int, zero: object) -> dict[str, object]:
+    def turned(self, sign: int, zero: object) -> Values:
         """Return the values of a motor that turns by another sign, with its zero."""
         signs = {f"sensors.{of.name}.sign": sign * of.sign for of in self.sensors}
         return signs | {f"sensors.{self.position.name}.bias": zero}
@@ -527,7 +526,7 @@ class _Line:
     def exchanged(self, other: _Line) -> Cause:
         """Return that the motor is exchanged with another one."""
         size = -other.judged()[0]
-        values = dict[str, object]()
+        values = Values()
         for a, b in ((self, other), (other, self)):
             same = a.position.sign * b.position.sign
             size += b.judged(met=same * a.met[::same])[0]
@@ -537,7 +536,7 @@ class _Line:
         return size, f"it is exchanged with {other.name}", values
 
 
-def doubts_of(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
+def doubts_of(rig: Rig, sweeps: Sweeps) -> tuple[Fault, ...]:
     """Return what is likely wrong in the file of a hand, by the motors with a pair of tendons, with
     what would correct it: nothing for a zero, which the routine finds in any case.
 
@@ -659,7 +658,7 @@ def calibrate(
         return _accepted(log, rig, stopped, doubts)
     wrong = {doubt.drive for doubt in doubts if doubt.kind == "file"}
     faulty = wrong.union(fault.drive for fault in faults)
-    values = dict[str, object]()
+    values = Values()
     parts = independent_parts(rig)
     sound = [part for part in parts if not faulty.intersection(part.rig.drive_names)]
     notes = tuple(
@@ -719,9 +718,7 @@ def _bridged(log: Log) -> Log:
     return replace(log, channels=channels)
 
 
-def _sweeps(
-    log: Log, rig: Rig, stopped: Mapping[str, str]
-) -> tuple[dict[str, tuple[Sweep, ...]], dict[str, str]]:
+def _sweeps(log: Log, rig: Rig, stopped: Mapping[str, str]) -> tuple[Sweeps, dict[str, str]]:
     """Return the sweeps of each motor, and the motors that have none, each with the reason.
 
     Raises:
@@ -737,8 +734,8 @@ def _sweeps(
                 without[name] = str(problem)
     if not sweeps:
         raise LogError(list(without.values())[-1])
-    resisted = any(sweep.resisted for of_drive in sweeps.values() for sweep in of_drive)
-    if len(rig.drives) > 1 and not resisted:
+    met = any(sweep.resisted for of in sweeps.values() for sweep in of)
+    if len(rig.drives) > 1 and not met:
         raise LogError(
             f"{log.source}: no motor meets an end of its travel; is it the log of a power-on "
             "routine (see distal.hands.Routine)?"

@@ -244,7 +244,7 @@ class Hand:
         self._compensated = compensated
         self._use(rig)
         self._temperatures: Mapping[str, float] = {}
-        self._looked = -np.inf
+        self._looked = -inf
         self._lost = 0
         self._silent = tuple[str, ...]()
         self._limits: Mapping[str, float] = {}
@@ -255,7 +255,8 @@ class Hand:
         """Begin with a description of the hand, or go on with another one: the motors stay in the
         turns in which they are by the `units`.
         """
-        self._rig = rig
+        self.rig = rig
+        """Description of the hand, after `power_on` the calibrated one."""
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         # its ranges are those of the rig that was found, by which a motor's turn is known
@@ -267,11 +268,6 @@ class Hand:
         self._desired: dict[str, float] = {}
         unknown = (nan,) * len(rig.joints)
         self._reading = Reading(nan, unknown, unknown, "untested", "not updated yet")
-
-    @property
-    def rig(self) -> Rig:
-        """Description of the hand, after `power_on` the calibrated one."""
-        return self._rig
 
     def update(self, time: float | None = None) -> Reading:
         """Read the motors once, estimate, send goals for the angles of `set_joint_positions`, and
@@ -292,7 +288,7 @@ class Hand:
             command = self._inverse.step(time, self._desired, believed)
             self._reading = command.reading
             self._held_back = command.note
-            names = self._rig.drive_names
+            names = self.rig.drive_names
             self._inverse.confirm(self._write(dict(zip(names, command.positions.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
         for motors, what in (
@@ -321,14 +317,14 @@ class Hand:
         except Exception as failure:  # serial ports and their packages raise many kinds
             self._lost += 1
             problem = f"the hand did not answer ({type(failure).__name__}: {failure})"
-        known = set(self._units.columns) | set(self._units.channels)
+        known = {*self._units.columns, *self._units.channels}
         read = {name: value for name, value in values.items() if name in known}
         if values and not read:
             problem = (
                 f"'{next(iter(values))}' was read, no column of the rig: "
                 f"{', '.join(self._units.columns[:4])}, …"
             )
-        positions = self._rig.sensors_of("position")
+        positions = self.rig.sensors_of("position")
         self._silent = tuple(s.of for s in positions if s.log_column not in read)
         try:
             temperatures = self._temperatures if self._compensated else None
@@ -348,7 +344,7 @@ class Hand:
             self._temperatures = {
                 name: float(value)
                 for name, value in self._motors.temperatures().items()
-                if name in self._rig.drive_names
+                if name in self.rig.drive_names
                 and isinstance(value, (int, float, np.number))
                 and abs(value) <= HOTTEST
             }
@@ -368,7 +364,7 @@ class Hand:
         return self._degrees(self._reading.angle_stds)
 
     def _degrees(self, values: tuple[float, ...]) -> dict[str, float]:
-        return dict(zip(self._rig.joint_names, map(degrees, values)))
+        return dict(zip(self.rig.joint_names, map(degrees, values)))
 
     @property
     def _hot(self) -> dict[str, float]:
@@ -376,9 +372,10 @@ class Hand:
 
     def health(self) -> HandHealth:
         """Return the state of the hand at the last `update`."""
-        word = self._reading.health
-        detail = self._reading.detail
-        return HandHealth(word, detail, self._silent, self._hot, self._lost, self._held_back)
+        last = self._reading
+        return HandHealth(
+            last.health, last.detail, self._silent, self._hot, self._lost, self._held_back
+        )
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
         """Set desired angles: each `update` then sends goals that bring the joints there, with
@@ -401,14 +398,14 @@ class Hand:
         if self._units.in_doubt:
             names = ", ".join(self._units.in_doubt)
             raise CommandError(f"in which of its turns {names} is, is not known: call power_on")
-        unknown = _without_zero(self._rig)
+        unknown = _without_zero(self.rig)
         if unknown:
             raise CommandError(
                 f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent: "
                 "call power_on, or take the rig that distal calibrate wrote"
             )
-        ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
-        angles = dict(zip(self._rig.joint_names, self._reading.angles))
+        ranges = {joint.name: joint.travel for joint in self.rig.joints if joint.coupled is None}
+        angles = dict(zip(self.rig.joint_names, self._reading.angles))
         desired = {name: angles[name] for name in ranges} | self._desired
         for name, angle in positions.items():
             if name in angles and name not in ranges:
@@ -427,7 +424,7 @@ class Hand:
             desired[name] = radians(float(np.clip(angle, low, high)))
         self._desired = desired
         if self._inverse is None:
-            self._inverse = LiveInverse(self._rig, compiled=self._compiled, gate=self._gate)
+            self._inverse = LiveInverse(self.rig, compiled=self._compiled, gate=self._gate)
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
 
     @property
@@ -440,7 +437,7 @@ class Hand:
         """Motor → what its sensor reads where the rig has zero, in the unit of the log: it changes
         where the motor counts from another turn.
         """
-        return {s.of: self._units.logged(s.name, 0.0) for s in self._rig.sensors_of("position")}
+        return {s.of: self._units.logged(s.name, 0.0) for s in self.rig.sensors_of("position")}
 
     def relax(self) -> None:
         """Drop all desired angles: `update` then sends no goals."""
@@ -458,7 +455,7 @@ class Hand:
         held_back.update(self._units.in_doubt)
         sent = {
             sensor.of: self._units.logged(sensor.name, goals[sensor.of])
-            for sensor in self._rig.sensors_of("position")
+            for sensor in self.rig.sensors_of("position")
             if isfinite(goals[sensor.of]) and sensor.of not in held_back
         }
         try:
@@ -474,7 +471,7 @@ class Hand:
         """Limit the torques of motors that stand [N m] to what they hold, where servos have a
         limit.
         """
-        floor = {sensor.of: CLEARLY * sensor.noise for sensor in self._rig.sensors_of("force")}
+        floor = {sensor.of: CLEARLY * sensor.noise for sensor in self.rig.sensors_of("force")}
         limits = {
             name: torque + floor.get(name, 0.0)
             for name, torque in holding.items()
@@ -518,10 +515,10 @@ class Hand:
         """
         if record is not None:
             check_outputs([Output(Path(record), "the record")])
-        routine = Routine(self._rig, options)
+        routine = Routine(self.rig, options)
         shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it
-        self._units = LogUnits(self._rig, self._live.channels, ranged=False, doubting=False)
+        self._units = LogUnits(self.rig, self._live.channels, ranged=False, doubting=False)
         begin = now()
         try:
             while not routine.done:
@@ -544,16 +541,16 @@ class Hand:
                 raise
         finally:
             units = self._units
-            self._units = self._units.followed_by(self._rig)
+            self._units = self._units.followed_by(self.rig)
         if routine.aborted:
             self._write(routine.goals)  # before anything that may fail
         problem = self._recorded(routine, record)
         if routine.aborted:
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
-        if len(routine.failed) == len(self._rig.drives):
+        if len(routine.failed) == len(self.rig.drives):
             why = "; ".join(f"{name}: {said}" for name, said in routine.failed.items())
             raise CommandError(f"no motor came to the end of its power-on routine: {why}")
-        found = calibrate(routine.log(), self._rig, stopped=routine.failed)
+        found = calibrate(routine.log(), self.rig, stopped=routine.failed)
         self._use(found.rig, units)
         return replace(found, notes=(*found.notes, problem)) if problem else found
 
@@ -564,7 +561,7 @@ class Hand:
         if record is None or not any(map(isfinite, routine.goals.values())):
             return ""
         try:
-            write_log(routine.log(), self._rig, record)
+            write_log(routine.log(), self.rig, record)
         except DistalError as problem:
             return f"the record was not kept: {problem}"
         return ""

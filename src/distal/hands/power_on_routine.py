@@ -275,9 +275,7 @@ class _Motor:
         self.limit = limit
         self.options = options
         self.pair = is_pair(rig, name)
-        need = travel_of(rig, name)
-        self.most = options.longest_sweep * need + options.margin
-        self.loose = need + options.margin
+        self.need = travel_of(rig, name)
         self.way = 1
         self.done = 0
         self.over = 0.0
@@ -325,7 +323,8 @@ class _Motor:
         met = self.over >= options.held
         gone = self.way * (position - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
-        most = self.most if self.pair or self.way > 0 else self.loose
+        times = options.longest_sweep if self.pair or self.way > 0 else 1.0
+        most = times * self.need + options.margin
         if self.done == 0:
             most *= 2
         if met or gone > most + self.beyond:
@@ -413,9 +412,12 @@ class Routine:
         self._motors = {name: _Motor(rig, name, limit, options) for name, limit in limits.items()}
         self._groups = _groups(rig, options.order)
         self._gate = GoalGate(rig, calibrated=False)
-        parts = [part.rig.drive_names for part in independent_parts(rig)]
         # those that share a joint, a tendon or an error
-        self._together = {name: names for names in parts for name in names}
+        self._together = {
+            name: part.rig.drive_names
+            for part in independent_parts(rig)
+            for name in part.rig.drive_names
+        }
         self._time = nan
         self.aborted = ""
         self.failed = dict[str, str]()

@@ -67,6 +67,7 @@ from distal.rig import (
     effort_unit,
     gain_of,
     log_factor,
+    part_of,
     position_unit,
     std_name,
 )
@@ -172,18 +173,12 @@ def expected_readings(
         forces: of the drives, (k, n_drives) [N, N m].
         tensions: of the tendons at their drives, (k, n_tendons) [N].
     """
-    of = {
-        "position": dict(zip(rig.drive_names, positions.T)),
-        "force": dict(zip(rig.drive_names, forces.T)),
-        "tension": dict(zip(rig.tendon_names, tensions.T)),
-    }
     found = {}
-    for sensor in rig.sensors:
-        true = of.get(sensor.measures, {}).get(sensor.of)
-        if true is not None and sensor.measures == "position":
-            found[sensor.name] = true
-        elif true is not None:
-            found[sensor.name] = gain_of(sensor).value * true + sensor.bias.value
+    for measures, read in (("position", positions), ("force", forces), ("tension", tensions)):
+        for sensor in rig.sensors_of(measures):
+            found[sensor.name] = read[:, part_of(sensor, rig)]
+            if measures != "position":
+                found[sensor.name] = gain_of(sensor).value * found[sensor.name] + sensor.bias.value
     return found
 
 
@@ -221,13 +216,13 @@ def not_reached(
         reached: angles that the free joints reach with what is sent [rad], (k, n_free).
         cut: where drives cannot do what the desired angles ask for, (k, n_drives).
     """
-    joints = [joint.name for joint in model.joints]
     away = np.abs(reached - desired)
     far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > TURNS]
     if not far:
         return []
     each = [
-        f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° ({_first(time, away[:, k] > TURNS)})"
+        f"{model.joint_names[k]} {rounded(np.rad2deg(away[:, k].max()))}° "
+        f"({_first(time, away[:, k] > TURNS)})"
         for k in far[:NAMED_JOINTS]
     ]
     more = f" and {len(far) - NAMED_JOINTS} more" if len(far) > NAMED_JOINTS else ""
@@ -336,12 +331,12 @@ class RestModel(CommandModel):
         p = ca.MX.sym("p", self.n_parameters)
         came = self.rest_x.parts(x)
         parameters = ca.vertcat(p, came["inside"])
-        angles, was_behind = ca.vertsplit(kernel_state, [0, self.nf, self.nf + 1])
+        angles = kernel_state[: self.nf]
         for _ in range(STEPS):
             step = self._step(angles, came["positions"], parameters)
             angles = self.within_stops(angles + step, parameters)
         away = ca.fabs(angles - came["angles"]) > LARGEST_TURN
-        stays = ca.logic_and(was_behind > 0, ca.dot(away, away) > 0)
+        stays = ca.logic_and(kernel_state[self.nf] > 0, ca.dot(away, away) > 0)
         behind = ca.logic_or(came["cut"] > 0, stays)
         angles = ca.if_else(behind, angles, came["angles"])
         # friction may act either way where a drive is cut
@@ -388,20 +383,19 @@ class RestModel(CommandModel):
         for name, (_, members) in parameters.shared.items():
             std = self.number(p, [f"shared.{name}.std"])
             errors.append(ca.mtimes(by_parameters[:, members], p[members]) * std)
-        columns = ca.horzsplit(ca.densify(ca.horzcat(*errors)))
-        return [sum((solved(slopes, column) ** 2 for column in columns), ca.SX.zeros(self.nf))]
+        return [ca.sum2(solved(slopes, ca.horzcat(*errors)) ** 2)]
 
 
 def position_variances(rig: Rig) -> Floats:
     """Return the variances of the drives' positions by the zeros and the linearity of their
     sensors, (n_drives,) [m², rad²].
     """
-    sensors = {sensor.of: sensor for sensor in rig.sensors_of("position")}
-    found = [sensors.get(drive.name) for drive in rig.drives]
     # the largest error by a curve counts as two standard deviations, as in the filter
-    return np.array(
-        [0.0 if one is None else one.bias.total_std**2 + (one.linearity / 2) ** 2 for one in found]
-    )
+    variances = {
+        sensor.of: sensor.bias.total_std**2 + (sensor.linearity / 2) ** 2
+        for sensor in rig.sensors_of("position")
+    }
+    return np.array([variances.get(name, 0.0) for name in rig.drive_names])
 
 
 def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
@@ -450,7 +444,7 @@ def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
     step = float(np.median(np.diff(time)))
     lag = servo.lag - servo.delay
     # a servo cannot follow a corner: corners are rounded over its lag, so that the lead stays small
-    width = max(1, 2 * round(lag / step / 2) + 1)
+    width = 2 * round(lag / step / 2) + 1
     rounded = uniform_filter1d(followable(time, positions, drive), width, mode="nearest")
     ahead = np.interp(time + servo.delay, time, rounded)
     speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
@@ -490,7 +484,7 @@ class Inverse:
         self.rig = as_rig(rig)
         self.least_tension = least_tension_of(least_tension, self.rig)
         self.model = model = RestModel(self.rig)
-        self.joints = tuple(joint.name for joint in model.joints)
+        self.joints = model.joint_names
         """Names of the free joints, whose angles are desired; the other joints follow these."""
         self._compiled = compiled
         self._parameters = model.mechanism.parameters.values[: model.n_parameters]
@@ -526,7 +520,17 @@ class Inverse:
         got = np.column_stack([followable(stamps, *each) for each in zip(positions.T, drives)])
         asked = was["positions"]
         cut = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
-        rests, variances = self._rested(was, read["angles"], got, cut)
+        resting = model.rest_x.rows(
+            angles=read["angles"],
+            positions=got,
+            variances=np.tile(position_variances(self.rig), (len(stamps), 1)),
+            turned=was["turned"],
+            inside=was["inside"],
+            cut=np.any(cut, axis=1, keepdims=True),
+        )
+        begin = np.array([*read["angles"][0], 0.0])
+        rested = advance(self._rest, Feed(begin, resting, self._parameters)).ys
+        rests, variances = np.hsplit(rested, 2)
         reached = rests + added[:, model.free]
         ahead = np.column_stack([sent(stamps, *each) for each in zip(positions.T, drives)])
         soft, dead = (
@@ -534,10 +538,8 @@ class Inverse:
         )
         ahead += soft * read["forces"]
         ahead += dead * was["drives_turned"]
-        notes += [
-            *not_reached(model, stamps, held, reached, cut),
-            *beyond(model, stamps, read, asked, self.least_tension),
-        ]
+        notes += not_reached(model, stamps, held, reached, cut)
+        notes += beyond(model, stamps, read, asked, self.least_tension)
         spread = np.array(model.mechanism.spread)
         offsets = np.array(model.mechanism.offsets).ravel()
         return Commands(
@@ -554,27 +556,13 @@ class Inverse:
             notes=tuple(notes),
         )
 
-    def _rested(
-        self, was: Mapping[str, Floats], angles: Floats, positions: Floats, cut: Bools
-    ) -> tuple[Floats, Floats]:
-        """Return the angles of the free joints at which they rest [rad] and their variances
-        [rad²], (k, n_free) each. These are the desired `angles`, unless a drive is `cut`.
-        """
-        rows = self.model.rest_x.rows(
-            angles=angles,
-            positions=positions,
-            variances=np.tile(position_variances(self.rig), (len(angles), 1)),
-            turned=was["turned"],
-            inside=was["inside"],
-            cut=np.any(cut, axis=1, keepdims=True),
-        )
-        begin = np.array([*angles[0], 0.0])
-        ys = advance(self._rest, Feed(begin, rows, self._parameters)).ys
-        return ys[:, : self.model.nf], ys[:, self.model.nf :]
-
     def _run(self, time: Floats, angles: Floats) -> Advanced:
+        """Return the run of the kernel. Before the first sample the drives hold the first angles
+        and have been at rest for long.
+        """
+        model = self.model
         speeds = np.gradient(angles, time, axis=0)
-        rows = self.model.x.rows(
+        rows = model.x.rows(
             dt=np.diff(time, prepend=time[0]),
             angles=angles,
             speeds=speeds,
@@ -582,26 +570,19 @@ class Inverse:
             torques=np.zeros((len(time), len(self.rig.joints))),
             lowest=np.full(len(time), self.least_tension),
         )
-        return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._parameters))
-
-    def _begin(self, row: Floats) -> Floats:
-        """Return the kernel state before the first sample: the drives hold the first angles and
-        have been at rest for long.
-        """
-        model = self.model
         layout = model.kernel_state
         kernel_state = np.zeros(layout.size)
         for _ in range(ROUNDS):
-            first = advance(self._kernel, Feed(kernel_state, row, self._parameters))
+            first = advance(self._kernel, Feed(kernel_state, rows[0], self._parameters))
             y = model.y.views(first.ys[-1])
             kernel_state[layout["positions"]] = y["positions"]
             kernel_state[layout["pulls"]] = layout.view(first.kernel_states[-1], "pulls")
             if model.n_inside:
                 of_rig = self._parameters[: model.n_parameters - len(model.derived)]
-                q = ca.vertcat(model.spread(y["angles"]), y["positions"])
+                q = ca.vertcat(model.all_joints(y["angles"]), y["positions"])
                 inside = inside_function(model.mechanism)(q, of_rig)
                 kernel_state[layout["inside"]] = inside.full().ravel()
-        return kernel_state
+        return advance(self._kernel, Feed(kernel_state, rows, self._parameters))
 
     @cached_property
     def _filter(self) -> AdaptiveFilter | None:
@@ -626,8 +607,8 @@ class Inverse:
         kernel_states, ys = estimator.advanced(begin, time, samples)
         means = mean_of(kernel_states, begin.size)
         spreads = variances_of(kernel_states, begin.size)
-        added = estimator.report.means(means.copy(), ys) - means
-        variances = estimator.report.variances_of(spreads.copy(), ys) - spreads
+        added = estimator.report.means(means, ys) - means
+        variances = estimator.report.variances_of(spreads, ys) - spreads
         joints = slice(len(self.rig.joints))
         unsure = np.maximum(variances[:, joints], 0.0)
         known = np.sqrt(unsure) <= LIMITS.lost
@@ -642,7 +623,7 @@ class Inverse:
                     f"angles are wanted of the joints {', '.join(names)} (coupled ones follow), "
                     f"{', '.join(angles)} came"
                 )
-            angles = np.column_stack([np.asarray(angles[name], dtype=np.float64) for name in names])
+            angles = np.column_stack([angles[name] for name in names])
         desired = np.asarray(angles, dtype=np.float64)
         if desired.ndim == 1:
             desired = desired[:, None]

@@ -50,7 +50,7 @@ from distal.model import Mechanism
 from distal.model.parameters import Derived, Symbolic
 from distal.model.tendon_tensions import Pulls
 from distal.rig import Rig, check_scales
-from distal.simulation.plant import settled_function
+from distal.simulation.plant import hysteretic, settled_function
 from distal.units import rounded, to_si
 
 DERIVED = "command."
@@ -134,17 +134,18 @@ class Balance:
     """
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
-        derived = Derived(command_inputs(rig), folded)
-        mechanism = Mechanism(rig, remembers=True, derived=derived)
-        self.mechanism = mechanism
+        self.mechanism = mechanism = Mechanism(
+            rig, remembers=True, derived=Derived(command_inputs(rig), folded)
+        )
         self.rig = rig
         self.free = list(mechanism.free)
         self.joints = [rig.joints[j] for j in self.free]
+        self.joint_names = tuple(joint.name for joint in self.joints)
         self.nj = mechanism.n_joints
         self.nd = mechanism.n_drives
         self.nt = mechanism.n_tendons
         self.nf = len(self.free)
-        self.n_inside = len(mechanism.plays) + len(mechanism.strains)
+        self.n_inside = len(mechanism.parameters.inside)
         self.tendons_of = [mechanism.pulled_by(self.nj + d) for d in range(self.nd)]
         self.one_sided = [len(tendons) == 1 for tendons in self.tendons_of]
         """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
@@ -162,7 +163,7 @@ class Balance:
         """Torque on each free joint per pull of each drive at all angles, by its pattern alone."""
         q = ca.SX.sym("q", self.nj)
         s = ca.SX.sym("s", self.nd)
-        return ca.sparsify(self.arms(q, s, self.mechanism.parameters.symbols))
+        return ca.sparsify(self.arms(q, s))
 
     @cached_property
     def parts(self) -> list[tuple[list[int], list[int]]]:
@@ -181,19 +182,18 @@ class Balance:
         Without `offsets` it does the same for speeds and accelerations.
         """
         mechanism = self.mechanism
-        return ca.mtimes(ca.SX(mechanism.spread), free) + (mechanism.offsets if offsets else 0)
+        return ca.mtimes(mechanism.spread, free) + (mechanism.offsets if offsets else 0)
 
     def _levers(self, angles: Vector, positions: Vector) -> Matrix:
         return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
 
-    def arms(self, angles: Vector, positions: Vector, p: Vector) -> Matrix:
+    def arms(self, angles: Vector, positions: Vector) -> Matrix:
         """Return the torque on each free joint per pull of each drive, (n_free, n_drives) [m], at
-        `angles`, `positions` and parameters `p`.
+        `angles` and `positions`.
         """
         first = [tendons[0] for tendons in self.tendons_of]
         levers = self._levers(angles, positions)[first, : self.nj]
-        arms = -ca.mtimes(levers, ca.SX(self.mechanism.spread)).T
-        return ca.substitute(arms, self.mechanism.parameters.symbols, p)
+        return -ca.mtimes(levers, self.mechanism.spread).T
 
     @traced
     def pull(self, angles: Vector, positions: Vector, shares: Vector, p: Vector) -> list[Vector]:
@@ -227,7 +227,7 @@ class Balance:
             for i in tendons:
                 pulled = ca.fabs(shares[i] * levers[i, self.nj + d])
                 steepest[d] += pulled * self.mechanism.stiffest(i)
-        return [self.arms(angles, positions, p), shares, steepest]
+        return [self.arms(angles, positions), shares, steepest]
 
     @traced
     def needed(
@@ -248,7 +248,7 @@ class Balance:
         v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[: self.nj]
-        spread = ca.SX(mechanism.spread)
+        spread = mechanism.spread
         moving = mechanism.moving_forces(q, v, self.all_joints(accelerations, False))
         moving += (mechanism.dampings() * v - mechanism.passive_forces(q))[: self.nj] - external
         friction = ca.mtimes(ca.fabs(spread).T, ca.vertcat(*(limit.mean for limit in limits)))
@@ -295,7 +295,7 @@ class Balance:
         """
         still = ca.SX.zeros(self.nf)
         needed, _ = self.needed(free, still, still, positions, turned, external, p)
-        made = ca.mtimes(self.arms(self.all_joints(free), positions, p), pulls)
+        made = ca.mtimes(self.arms(self.all_joints(free), positions), pulls)
         return [made - needed, ca.jacobian(made - needed, free)]
 
     def lacking(self, free: Vector, positions: Vector, turned: Vector) -> tuple[Vector, Vector]:
@@ -312,12 +312,7 @@ class Balance:
         p = self.mechanism.parameters.symbols
         needed, friction = self.needed(free, still, still, positions, turned, none, p)
         forces = self._pulls_at(self.all_joints(free), positions, settled=True).forces
-        return ca.mtimes(ca.SX(self.mechanism.spread).T, forces[: self.nj]) - needed, friction
-
-    @traced
-    def spread(self, free: Vector) -> list[Vector]:
-        """Function θ_free → angles of all joints, (n_joints,)."""
-        return [self.all_joints(free)]
+        return ca.mtimes(self.mechanism.spread.T, forces[: self.nj]) - needed, friction
 
     def number(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
         """Return the inputs with these `names`, those of `command_inputs` without its prefix, out
@@ -534,11 +529,11 @@ def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequen
     return ca.densify(best)
 
 
-def solved(matrix: Matrix, right: Vector) -> Vector:
+def solved(matrix: Matrix, right: Matrix) -> Matrix:
     """Return M⁻¹ b, by its adjugate and determinant up to three rows and by CasADi's `solve`
     beyond.
 
-    Up to three rows a singular M gives zero. The `matrix` is M, (n, n), and `right` is b, (n,).
+    Up to three rows a singular M gives zero. The `matrix` is M, (n, n), and `right` is b, (n, k).
     """
     if matrix.size1() > 3:
         return ca.solve(ca.densify(matrix), right)
@@ -597,7 +592,7 @@ class CommandModel(Balance):
         super().__init__(rig, folded)
         self.n_parameters = len(self.mechanism.parameters) - self.n_inside
         """Number of the parameters without the internal state, which is the last of them."""
-        self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
+        self.rubbing = hysteretic(self.mechanism)
         self.kernel_state = Layout(
             positions=self.nd,
             pulls=self.nd,
@@ -644,7 +639,7 @@ class CommandModel(Balance):
             torques, _ = self.needed(
                 held, desired["speeds"], desired["accelerations"], s, turned, external, p
             )
-            joints = self.spread(held)
+            joints = self.all_joints(held)
             arms, shares, steepest = self.geometry(joints, s, p)
             asked = self._pulls(arms, torques, lowest * self.of_drives(p, "margin"), f)
             f = limited(asked, most)
@@ -720,13 +715,13 @@ class CommandModel(Balance):
         f = ca.SX(pulls)
         for _ in range(REACHES):
             lacking, slopes = self.tangent(held, f, positions, turned, external, p)
-            arms = self.arms(self.all_joints(held), positions, p)
+            arms = self.arms(self.all_joints(held), positions)
             for joints, drives in self.parts:
                 if len(drives) >= len(joints):
                     continue
                 own = slopes[joints, joints]
                 rest = held[joints] - solved(own, lacking[joints])
-                moves = -ca.horzcat(*(solved(own, arms[joints, d]) for d in drives))
+                moves = -solved(own, arms[joints, drives])
                 away = desired[joints] - rest
                 change = solved(ca.mtimes(moves.T, moves), ca.mtimes(moves.T, away))
                 after = ca.fmax(f[drives] + change, lowest)

@@ -78,6 +78,11 @@ USUAL = Caution()
 """What all motors go by."""
 
 
+def known_or(values: Floats, otherwise: Floats) -> Floats:
+    """Return `values` where they are finite, and `otherwise` elsewhere."""
+    return np.where(np.isfinite(values), values, otherwise)
+
+
 class MotorReadings:
     """Positions, speeds and torques of motors as far as they can be believed, (n_drives,) each, SI.
 
@@ -89,9 +94,8 @@ class MotorReadings:
         fastest: largest speed of each motor [rad/s].
         oldest: age beyond which a reading does not tell where a motor is [s].
         is_motor: whether a drive turns a spool; a slider does not.
-        scale: limit for a drive per limit for the angle of a motor: 1, or how far a slider goes as
-            the joints that its tendons cross turn by 1 rad [m/rad].
-        agrees: distance within which two positions agree.
+        agrees: distance within which two positions agree; of a slider, that of the joints that its
+            tendons cross.
         has_sensor: whether a sensor reads the position.
         position: the last one that was believed, NaN before the first.
         speed: of that position.
@@ -123,8 +127,7 @@ class MotorReadings:
         # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
         self.is_motor = np.array([drive.kind == "capstan" for drive in rig.drives])
         ways = [max(tendon.total_arm for tendon in rig.tendons_of(name)) for name in names]
-        self.scale = np.where(self.is_motor, 1.0, ways)
-        self.agrees = USUAL.agrees * self.scale
+        self.agrees = USUAL.agrees * np.where(self.is_motor, 1.0, ways)
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
         self._quiet = NOISES * np.array([noise.get(name, 0.0) for name in names])
         self.reset()
@@ -170,7 +173,7 @@ class MotorReadings:
         self.deaf = (self.deaf | (time - self._followed_at > self.oldest)) & ~acts
         rests = sound & slow & (near | ~self.is_motor) & ~self.deaf
         self.ahead = np.where(rests, sent - positions, self.ahead)
-        self.torque = np.where(np.isfinite(torques), torques, self.torque)
+        self.torque = known_or(torques, self.torque)
         return np.where(sound, positions, np.nan)
 
     @property
@@ -219,8 +222,7 @@ class MotorReadings:
         something does, or a motor is where it came from with the very same torque.
         """
         same = (positions == self._raw) & (torques == self.torque) & (torques != 0.0)
-        ahead = np.where(np.isfinite(self.ahead), self.ahead, 0.0)
-        has_to_move = np.abs(sent - self._raw - ahead) > self.agrees
+        has_to_move = np.abs(sent - self._raw - np.nan_to_num(self.ahead)) > self.agrees
         unmoved = same & (self.stale | has_to_move)
         came_before = (self._before == [positions, torques]).all(axis=1).any(axis=0)
         again = came_before & (np.abs(positions - self._raw) > self.agrees / 2) & (torques != 0.0)
@@ -358,7 +360,7 @@ class GoalGate:
         """Motors' positions by their last goals, or their last readings where no goal was sent,
         (n_drives,).
         """
-        return np.where(np.isfinite(self._sent), self._sent, self._motors.position)
+        return known_or(self._sent, self._motors.position)
 
     @property
     def _lost(self) -> Bools:
@@ -427,9 +429,8 @@ class GoalGate:
         self._time = max(self._time, time)
         self._passed_at = time
         motors = self._motors
-        desired = np.where(np.isfinite(goals), goals, self._sent)
-        before = self.expected
-        before = np.where(np.isfinite(before), before, desired)
+        desired = known_or(goals, self._sent)
+        before = known_or(self.expected, desired)
         desired = self._limited(desired, before, since)
         stopped = self.stopped
         if stopped.any():
@@ -477,8 +478,15 @@ class GoalGate:
         begins = stopped & ~np.isfinite(self._held)
         self._held = np.where(begins, self._where_it_stops(), self._held)
         self._stopped_at = np.where(begins, time, self._stopped_at)
+        # the share of its force that each motor may still hold
+        patience = np.where(self._hot, 0.0, USUAL.patience)
+        waited = self._time - self._stopped_at - patience
+        eased = np.clip(waited / USUAL.eases, 0.0, 1.0)
+        torques = np.maximum(np.abs(self._motors.torque), 1e-12)
+        held = np.minimum(self._continuous / torques, 1.0)
+        left = 1.0 - eased * (1.0 - np.where(self._hot | self._relaxes, 0.0, held))
         # what was let go is not held again before the motor is read
-        self._share = np.where(stopped, np.minimum(self._share, self._left()), 1.0)
+        self._share = np.where(stopped, np.minimum(self._share, left), 1.0)
         return self._held - (1.0 - self._share) * self._motors.holds_ahead
 
     def _where_it_stops(self) -> Floats:
@@ -494,16 +502,6 @@ class GoalGate:
         away = np.abs(self._sent - motors.position)
         gives_way &= ~motors.is_motor | (away <= near + USUAL.arrived)
         return np.where(np.isfinite(self._sent) & (agrees | gives_way), self._sent, coming)
-
-    def _left(self) -> Floats:
-        """Return the share of its force that each motor may still hold."""
-        patience = np.where(self._hot, 0.0, USUAL.patience)
-        waited = self._time - self._stopped_at - patience
-        eased = np.clip(waited / USUAL.eases, 0.0, 1.0)
-        torques = np.maximum(np.abs(self._motors.torque), 1e-12)
-        held = np.minimum(self._continuous / torques, 1.0)
-        left = np.where(self._hot | self._relaxes, 0.0, held)
-        return 1.0 - eased * (1.0 - left)
 
     def _named(self, chosen: Bools) -> list[str]:
         return [*compress(self._names, chosen)]

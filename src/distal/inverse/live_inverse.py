@@ -29,7 +29,6 @@ from distal.errors import CommandError, EstimationError
 from distal.estimators import SHORTEST, TOUCHED, AdaptiveFilter, sample_problem
 from distal.estimators.adaptive import StateVector, state_vector
 from distal.inverse.feedforward import (
-    DERIVED,
     LEAST_TENSION,
     REMEMBERED,
     ROUNDS,
@@ -39,7 +38,7 @@ from distal.inverse.feedforward import (
     least_tension_of,
     limited,
 )
-from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
+from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints, known_or
 from distal.kernels import Layout, Structure, kernel_of, structure_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
@@ -63,18 +62,13 @@ rounding (positions that are equal).
 GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", *REMEMBERED)
 """State of the reference and of the feedback that is kept for each free joint."""
 
-OF_ALL = ("lowest", "compensates")
-"""Gains that all joints have in common: the least tension, and whether commands hold against
-external torques (1) or not (0).
-"""
-
 OF_EACH = ("fastest", *vars(Feedback()))
 """Gains of each free joint: its largest speed [rad/s], and those of its `Feedback`."""
 
 
 class LiveModel:
     """The inverse of a rig in a control loop as a kernel: its function, and the layouts of its
-    kernel state, of a sample, of its gains and of its output.
+    kernel state, of a sample, of its parameters and of its output.
 
     Args:
         rig: the description.
@@ -96,7 +90,15 @@ class LiveModel:
         self.x = Layout(
             dt=1, desired=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1
         )
-        self.gains = Layout(**dict.fromkeys(OF_ALL, 1), **dict.fromkeys(OF_EACH, nf))
+        # joints have in common: the least tension, and whether commands hold against external
+        # torques (1) or not (0)
+        self.parameters = Layout(
+            lowest=1,
+            compensates=1,
+            **dict.fromkeys(OF_EACH, nf),
+            of_filter=len(states.context.mechanism.parameters),
+            derived=len(model.derived),
+        )
         self.y = Layout(angles=nf, positions=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd)
 
     @property
@@ -118,19 +120,17 @@ class LiveModel:
         states = self.states
         kernel_state = ca.MX.sym("kernel_state", self.kernel_state.size)
         x = ca.MX.sym("x", self.x.size)
-        sizes = self.gains.size, len(states.context.mechanism.parameters), len(model.derived)
-        p = ca.MX.sym("p", sum(sizes))
-        of_gains, own, derived = ca.vertsplit(p, np.cumsum([0, *sizes]).tolist())
+        p = ca.MX.sym("p", self.parameters.size)
         was = self.kernel_state.parts(kernel_state)
         came = self.x.parts(x)
-        gains = self.gains.parts(of_gains)
+        gains = self.parameters.parts(p)
         command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
+        lowest, compensates = (gains.pop(name) for name in ("lowest", "compensates"))
+        of_filter, derived = (gains.pop(name) for name in ("of_filter", "derived"))
         # maps that are not trusted, far from where they were learned, are not followed, nor torques
         # from outside
         mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
-        parameters, torques = self._believed()(came["state"], own, derived)
-        inputs = {f"{name}_before": part for name, part in was.items()}
-        inputs |= {name: gains[name] for name in OF_EACH}
+        parameters, torques = self._believed()(came["state"], of_filter, derived)
         free = came["touched"] <= TOUCHED
         # nothing winds up against a stop, nor against the end of a drive's range
         guided = guide_function(model.nf)(
@@ -140,7 +140,8 @@ class LiveModel:
             trusted=came["trusted"],
             free=free,
             winds=came["trusted"] * (1 - at_end) * free,
-            **inputs,
+            **{f"{name}_before": part for name, part in was.items()},
+            **gains,
         )
         later = model.number(parameters, ["lead"])
         bend = limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
@@ -150,11 +151,9 @@ class LiveModel:
             angles=model.within_stops(ahead, parameters),
             speeds=guided["speed"] + guided["correcting"],
             accelerations=guided["acceleration"],
-            torques=came["trusted"] * gains["compensates"] * torques
-            + ca.mtimes(
-                ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]
-            ),
-            lowest=gains["lowest"],
+            torques=came["trusted"] * compensates * torques
+            + ca.mtimes(ca.pinv(model.mechanism.spread).T, guided["pushed"]),
+            lowest=lowest,
         )
         command, y = model.function()(command, row, parameters)
         sent = model.y.parts(y)
@@ -163,7 +162,7 @@ class LiveModel:
         high = model.of_drives(parameters, "limit")
         pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
         forces = ca.fmin(ca.fmax(sent["forces"], ca.if_else(pushes, -high, 0)), high)
-        positions = read_function(states)(sent["positions"], came["state"], own)
+        positions = read_function(states)(sent["positions"], came["state"], of_filter)
         # servos give way: by their stiffness, and by their dead band in the direction of motion
         ahead = model.of_drives(parameters, "soft") * forces
         ahead += model.of_drives(parameters, "dead") * model.kernel_state.part(
@@ -197,10 +196,9 @@ class LiveModel:
         known = states.context.mechanism.parameters
         derived = ca.SX.sym("derived", len(model.derived))
         learned = dict(zip(known.names, ca.vertsplit(states.parameters(state))))
-        others = iter(ca.vertsplit(derived))
-        names = model.mechanism.parameters.names[: model.n_parameters]
-        parameters = [next(others) if name.startswith(DERIVED) else learned[name] for name in names]
-        outputs = [ca.densify(ca.vertcat(*parameters)), ca.densify(states.torques(state))]
+        names = model.mechanism.parameters.names[: model.n_parameters - derived.numel()]
+        parameters = ca.vertcat(*(learned[name] for name in names), derived)
+        outputs = [ca.densify(parameters), ca.densify(states.torques(state))]
         return ca.Function("believed", [state, known.symbols, derived], outputs)
 
 
@@ -341,7 +339,7 @@ def live_parameters(
     """
     rig = live.model.rig
     joints = live.model.joints
-    names = [joint.name for joint in joints]
+    names = live.model.joint_names
     given = (
         feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
     )
@@ -351,15 +349,15 @@ def live_parameters(
         )
     if fastest is not None and not fastest > 0.0:
         raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
-    gains = {
+    parts = {
         "lowest": [least_tension_of(least_tension, rig)],
         "compensates": [compensates],
         "fastest": [fastest or np.ptp(joint.travel) / ACROSS for joint in joints],
         **Feedback.gains([given.get(name, Feedback(follow=0.0)) for name in names]),
+        "of_filter": estimator.parameters[: len(estimator.parameter_names)],
+        "derived": live.model.derived,
     }
-    of_filter = estimator.parameters[: len(estimator.parameter_names)]
-    of_rig = live.model.derived
-    return np.concatenate([*(gains[name] for name in live.gains.names), of_filter, of_rig])
+    return np.concatenate([parts[name] for name in live.parameters.names])
 
 
 class LiveInverse:
@@ -406,18 +404,21 @@ class LiveInverse:
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
-        self._rig = rig = as_rig(rig)
+        self.rig = rig = as_rig(rig)
+        """Description of the rig whose drives are commanded."""
         estimator = AdaptiveFilter(rig, compiled)
         self._layouts = live = LiveModel(rig, estimator.states)
-        self._live = LiveEstimator(rig, estimator)
+        self.estimator = LiveEstimator(rig, estimator)
+        """The filter on which the commands rest, at the last sample."""
+        self.channels = self.estimator.channels
+        """Names of the sensors in a sample, in its order."""
         self._free = live.model.free
-        self.joints = tuple(joint.name for joint in live.model.joints)
+        self.joints = live.model.joint_names
         self._kernel = kernel_of(live.structure, live.function, compiled)
         self._parameters = live_parameters(
             live, estimator, least_tension, feedback, fastest, compensates
         )
-        self._monitor = Monitor(self._live)
-        self._has_map = bool(estimator.report.states)
+        self._monitor = Monitor(self.estimator)
         self._gate = GoalGate(rig) if gate is None else gate
         self._is_believed = gate is not None
         self._positions = columns_of(rig, estimator.channels, "position")
@@ -439,7 +440,7 @@ class LiveInverse:
         if not self._is_believed:
             self._gate.reset()
         # these are replaced, and never changed in place: a clone may share them
-        self._forces = np.full(len(self._rig.drives), nan)
+        self._forces = np.full(len(self.rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
         self._time: float | None = None
@@ -448,28 +449,13 @@ class LiveInverse:
         """Return a copy with the same belief, which goes on by itself."""
         other = object.__new__(LiveInverse)
         vars(other).update(vars(self))
-        other._live = self._live.clone()
-        other._monitor = self._monitor.clone(other._live)
+        other.estimator = self.estimator.clone()
+        other._monitor = self._monitor.clone(other.estimator)
         other._gate = self._gate.clone()
         other._begin_loop()
         other._loop.kernel_state[:] = self._loop.kernel_state
         other._loop.y[:] = self._loop.y
         return other
-
-    @property
-    def rig(self) -> Rig:
-        """Description of the rig whose drives are commanded."""
-        return self._rig
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample, in its order."""
-        return self._live.channels
-
-    @property
-    def estimator(self) -> LiveEstimator:
-        """The filter on which the commands rest, at the last sample."""
-        return self._live
 
     def step(
         self, time: float, desired: Sequence[float] | Floats | Mapping[str, float], sample: Floats
@@ -500,20 +486,19 @@ class LiveInverse:
         if self._time is None and missing:
             return self._command(reading, [missing])
         x = self._x
-        self._asked = np.where(np.isfinite(angles), angles, self._asked)
-        x["state"][:] = self._live.mean
-        if self._has_map:
-            x["mapped"][:] = self._live.added_by_maps[self._free]
+        self._asked = known_or(angles, self._asked)
+        x["state"][:] = self.estimator.mean
+        x["mapped"][:] = self.estimator.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
         read = np.append(sample, nan)[self._positions]
-        np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
+        x["read"][:] = known_or(read, self._gate.expected)
         x["trusted"][0] = not reading.unusable
-        x["touched"][0] = self._live.touched
+        x["touched"][0] = self.estimator.touched
         stands = self._gate.stopped @ self._moves
         if self._time is None or (stands.all() and self._gate.are_ignored):
             # it begins anew: joints did not go where their commands would have brought them
-            begin = self._live.mean[self._free]
-            self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
+            begin = self.estimator.mean[self._free]
+            self._asked = known_or(self._asked, begin)
             self._loop.kernel_state[:] = 0.0
             x["desired"][:] = begin
             x["dt"][0] = 0.0
@@ -523,13 +508,17 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(max(time - self._time, SHORTEST), LIMITS.overdue * self._live.interval)
+            x["dt"][0] = min(
+                max(time - self._time, SHORTEST), LIMITS.overdue * self.estimator.interval
+            )
             self._loop.step()
         self._time = time
         self._stood = stands
-        ended = ", ".join(compress(self._rig.drive_names, self._y["at_end"]))
-        notes = [f"no feedback: {reading.unusable}"] if reading.unusable else []
-        notes += [f"{ended} at the end of its range"] if ended else []
+        ended = ", ".join(compress(self.rig.drive_names, self._y["at_end"]))
+        notes = [
+            reading.unusable and f"no feedback: {reading.unusable}",
+            ended and f"{ended} at the end of its range",
+        ]
         return self._command(reading, notes)
 
     def _angles(self, desired: Sequence[float] | Floats | Mapping[str, float]) -> Floats:
@@ -551,8 +540,8 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        angles = self._live.mean[self._free]
-        stds = self._live.angle_stds[self._free]
+        angles = self.estimator.mean[self._free]
+        stds = self.estimator.angle_stds[self._free]
         away = stands & (np.abs(self._kernel_state["reference"] - angles) > BAND * stds)
         for name in ("reference", "wished"):
             np.copyto(self._kernel_state[name], angles, where=away)
@@ -565,9 +554,9 @@ class LiveInverse:
         y = self._y
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            nothing = np.full(len(self._rig.drives), nan)
+            positions, speeds, forces = np.full((3, len(self.rig.drives)), nan)
             note = "; ".join([*notes, "nothing is sent before the first readings"])
-            return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
+            return Command(positions, speeds, forces, reading, note)
         is_new = all(map(isfinite, reading.angles))
         positions = self._gate.passed(reading.time, np.where(is_new, y["positions"], nan))
         stands = self._gate.stopped

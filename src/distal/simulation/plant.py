@@ -7,7 +7,7 @@ the equilibrium from which the plant starts; and its motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import accumulate
 from math import inf, sqrt
@@ -31,7 +31,6 @@ from distal.kernels import (
 from distal.model import GRAVITY, Mechanism, interval_step
 from distal.model.stepping import RESOLUTION
 from distal.rig import Subsystem, independent_parts
-from distal.rig.components import Drive
 from distal.simulation.scenario import (
     CapstanServo,
     DriveInput,
@@ -59,40 +58,30 @@ def parts_of_plant(mechanism: Mechanism) -> tuple[Subsystem, ...]:
     return () if len(parts) == 1 or mechanism.parameters.inside else parts
 
 
-def plants_apart(
-    mechanism: Mechanism,
-    parts: tuple[Subsystem, ...],
-    plant: Callable[[Mechanism], ca.Function],
-    rubbing: list[int],
-) -> ca.Function:
+def plants_apart(mechanism: Mechanism, parts: tuple[Subsystem, ...], count: int) -> ca.Function:
     """Return the function of a plant, see `plant_function`, put together from those of its
-    independent parts.
-
-    Args:
-        plant: returns the function of a part by its equations.
-        rubbing: indices of the drives with friction inside their transmission.
+    independent `parts`.
     """
     n = mechanism.n_bodies
     nj = mechanism.n_joints
-    names = mechanism.parameters.names
+    rubbing = hysteretic(mechanism)
+    parameters = mechanism.parameters
     _, _, tense, pulling, ny = ends_of_outputs(mechanism)
     kernels = []
     for part in parts:
-        equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
+        equations = Mechanism(part.rig, part.own_paths(parameters.inputs), remembers=True)
         joints, drives, tendons = (
             np.array(part.indices[kind], dtype=np.intp) for kind in ("joints", "drives", "tendons")
         )
         bodies = np.concatenate([joints, nj + drives])
-        frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
+        frictions = np.flatnonzero(np.isin(rubbing, drives))
         kernel_state = np.concatenate([bodies, n + bodies, 2 * n + frictions])
         x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
-        p = np.array(
-            [names.index(part.whole_path(name)) for name in equations.parameters.names],
-            dtype=np.intp,
-        )
+        own = equations.parameters.names
+        p = np.array([parameters.index(part.whole_path(name)) for name in own])
         y = np.concatenate([bodies, n + bodies, tense + tendons, pulling + bodies])
-        kernels.append(PlacedKernel(plant(equations), kernel_state, x, p, y))
-    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), ny))
+        kernels.append(PlacedKernel(plant_function(equations, count), kernel_state, x, p, y))
+    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(parameters), ny))
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
@@ -109,7 +98,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     nx = len(mechanism.parameters.inside)
     parts = parts_of_plant(mechanism)
     if parts:
-        return plants_apart(mechanism, parts, lambda part: plant_function(part, count), rubbing)
+        return plants_apart(mechanism, parts, count)
     step = interval_step(mechanism, count, with_servo=True)
     q = ca.SX.sym("q", n)
     v = ca.SX.sym("v", n)
@@ -125,7 +114,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     effort, added, *springs, dt = ca.vertsplit(x, [*range(0, 5 * n + 1, n), 5 * n + 1])
     stiffness, target, damping = springs
     known = parameters[: parameters.numel() - nx]
-    p = ca.vertcat(known, inside) if nx else parameters
+    p = ca.vertcat(known, inside)
     force, follow = internal_friction(mechanism, rubbing)
     acting = effort + force(at, frictions, p) if rubbing else effort
     q_next, v_next = step(at, before, acting, added, ca.horzcat(*springs), dt, p)
@@ -137,11 +126,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
     frictions = follow(at, q_next, v_next, frictions, p) if rubbing else frictions
     following = ca.vertcat(q_next, v_next, frictions, inside)
-    return ca.Function(
-        "plant",
-        [kernel_state, x, parameters],
-        [following, y],
-    )
+    return ca.Function("plant", [kernel_state, x, parameters], [following, y])
 
 
 def plant_kernel(mechanism: Mechanism, count: int) -> Kernel:
@@ -302,42 +287,34 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
         if load.torque is not None:
             inputs.effort[:, i] += load.torque.at(time)
         if load.hand is not None:
-            _spring(inputs, i, load.hand, load.hand.angle.at(time))
-    for i, drive in enumerate(rig.drives):
+            _spring(inputs, i, load.hand, time)
+    for i, drive in enumerate(rig.drives, mechanism.n_joints):
         pull = scenario.drives.get(drive.name, DriveInput())
-        _drive(inputs, mechanism.n_joints + i, drive, pull, time)
+        signals = {"weight": pull.weight, "force": pull.force, "torque": pull.torque}
+        loop = "servo.position" if isinstance(pull.servo, SliderLoop) else "servo.angle"
+        allowed = PULLS[drive.kind]
+        for part, given in {**signals, loop: pull.servo}.items():
+            if given is not None and part not in allowed:
+                raise ScenarioError(
+                    f"drives.{drive.name}.{part}: a {drive.kind} cannot be pulled so; "
+                    f"{', '.join(allowed)} are allowed"
+                )
+        for signal in filter(None, signals.values()):
+            inputs.effort[:, i] += signal.at(time)
+        if pull.weight is not None:
+            inputs.added_inertia[:, i] = pull.weight.at(time) / GRAVITY
+        if pull.servo is not None:
+            _spring(inputs, i, pull.servo, time)
     return inputs
 
 
-def _drive(inputs: BodyInputs, body: int, drive: Drive, pull: DriveInput, time: Floats) -> None:
-    for name, signal in (("weight", pull.weight), ("force", pull.force), ("torque", pull.torque)):
-        if signal is not None:
-            _check_pull(drive, name)
-            inputs.effort[:, body] += signal.at(time)
-    if pull.weight is not None:
-        inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
-    servo = pull.servo
-    if servo is not None:
-        _check_pull(drive, "servo.position" if isinstance(servo, SliderLoop) else "servo.angle")
-        target = servo.position if isinstance(servo, SliderLoop) else servo.angle
-        _spring(inputs, body, servo, target.at(time))
-
-
 def _spring(
-    inputs: BodyInputs, body: int, spring: TurningHand | SliderLoop | CapstanServo, target: Floats
+    inputs: BodyInputs, body: int, spring: TurningHand | SliderLoop | CapstanServo, time: Floats
 ) -> None:
+    target = spring.position if isinstance(spring, SliderLoop) else spring.angle
     inputs.servo[:, body, 0] = spring.stiffness
+    inputs.servo[:, body, 1] = target.at(time)
     inputs.servo[:, body, 2] = spring.damping
-    inputs.servo[:, body, 1] = target
-
-
-def _check_pull(drive: Drive, part: str) -> None:
-    allowed = PULLS[drive.kind]
-    if part not in allowed:
-        raise ScenarioError(
-            f"drives.{drive.name}.{part}: a {drive.kind} cannot be pulled so; "
-            f"{', '.join(allowed)} are allowed"
-        )
 
 
 def check_names(
@@ -393,31 +370,13 @@ class PlantMotion:
     plant: Mechanism
     y: Floats
 
-    @property
-    def q(self) -> Floats:
-        """Coordinates of the bodies, joints first, (k, n_bodies) [rad, m]."""
-        return self.y[:, : self.plant.n_bodies]
-
-    @property
-    def tensions(self) -> Floats:
-        """Tensions of the tendons, (k, n_tendons) [N]."""
-        _, _, begin, end, _ = ends_of_outputs(self.plant)
-        return self.y[:, begin:end]
-
-    @property
-    def pulls(self) -> Floats:
-        """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k,
-        n_bodies) [N m, N].
-        """
-        return self.y[:, -self.plant.n_bodies :]
-
     def check(self) -> None:
         """Check that the motion is finite and within bounds.
 
         Raises:
             ScenarioError: it is not.
         """
-        if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
+        if not np.all(np.isfinite(self.y)) or np.abs(self.y[:, : self.plant.n_bodies]).max() > 1e3:
             raise ScenarioError(
                 "the simulated motion left all bounds: a force without a stop or tendon that "
                 "holds it, or a step that is too long (see stepping.largest_step)"

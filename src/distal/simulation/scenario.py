@@ -59,10 +59,10 @@ class Signal:
         """Return the values at `time` [s], (n,)."""
         if self.interpolation == "hold":
             # a point counts from its own time on; the grid's rounding must not delay it by a step
-            index = np.searchsorted(np.array(self.times), time + 1e-9, side="right") - 1
+            index = np.searchsorted(self.times, time + 1e-9, side="right") - 1
             base = np.array(self.values)[np.maximum(index, 0)]
         else:
-            base = np.interp(time, np.array(self.times), np.array(self.values))
+            base = np.interp(time, self.times, self.values)
         return base + self.amplitude * np.sin(2 * np.pi * self.frequency * time + self.phase)
 
 
@@ -85,20 +85,18 @@ class SignalIn:
         return core_schema.no_info_plain_validator_function(self._read)
 
     def _read(self, raw: object) -> Signal:
-        signal = self._parse(raw)
+        if isinstance(raw, Signal):
+            signal = raw
+        elif isinstance(raw, Mapping):
+            signal = self._table(raw)
+        elif isinstance(raw, (list, tuple)):
+            signal = self._points(raw, self.interpolation)
+        else:
+            signal = Signal((0.0,), (to_si(raw, self.si),))
         least = min(signal.values) - abs(signal.amplitude)
         if self.nonnegative and least < 0.0:
             raise UnitError(f"must not be negative, {least:g} {self.si} came")
         return signal
-
-    def _parse(self, raw: object) -> Signal:
-        if isinstance(raw, Signal):
-            return raw
-        if isinstance(raw, Mapping):
-            return self._table(raw)
-        if isinstance(raw, (list, tuple)):
-            return self._points(raw, self.interpolation)
-        return Signal((0.0,), (to_si(raw, self.si),))
 
     def _points(self, raw: object, interpolation: Interpolation) -> Signal:
         if not isinstance(raw, (list, tuple)) or not raw:
@@ -270,8 +268,7 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
     """
     raw = parse_toml(scenario_text(name), str(name), ScenarioError)
     for assignment in assignments:
-        where, value = parse_assignment(assignment, ScenarioError)
-        set_value(raw, where, value, ScenarioError)
+        set_value(raw, *parse_assignment(assignment, ScenarioError), ScenarioError)
     if "joints" in raw and "rig" not in raw:
         raise ScenarioError(
             f"{name}: is a rig file; simulate takes what is done to it: a file with rig = "

@@ -164,6 +164,11 @@ class Prepared:
     dt: float
     count: int
 
+    def grid(self, size: int) -> Floats:
+        """Return the first times at which intervals begin [s], (size,)."""
+        times: Floats = self.dt * np.arange(size, dtype=np.float64)
+        return times
+
 
 def prepare(
     rig: Rig | str | Path,
@@ -203,8 +208,7 @@ def timing(
         ScenarioError: the scenario is too short or too long.
     """
     fastest = max((sensor.rate for sensor in plant.rig.sensors), default=100.0)
-    filled = 1.0 / fastest if period is None else period
-    dt, count = intervals_of(plant, filled)
+    dt, count = intervals_of(plant, period or 1.0 / fastest)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
     # each interval has inputs and outputs of the plant, of which BodyInputs has five for each body
@@ -253,22 +257,19 @@ def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
     """Return the log of a motion: what the sensors read, and the truth. The seed decides the
     sensors' errors.
     """
-    grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
     stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
-    read = Sampler(prepared.plant, seed).read(motion.y, grid, stamps)
-    return log_of(motion, grid, stamps, read, prepared.scenario)
+    read = Sampler(prepared.plant, seed).read(motion.y, prepared.grid(len(motion.y)), stamps)
+    return log_of(prepared, motion.y, stamps, read)
 
 
-def log_of(
-    motion: PlantMotion, grid: Floats, stamps: Floats, read: Floats, scenario: Scenario
-) -> Log:
-    """Return the log of a motion at the times `grid` [s], with what its sensors read at `stamps`
-    [s], (k, n_sensors), and the truth: angles and torques of joints, positions and forces of
-    drives, tensions.
+def log_of(prepared: Prepared, y: Floats, stamps: Floats, read: Floats) -> Log:
+    """Return the log of a motion with the outputs `y` of the plant's kernel, with what its sensors
+    read at `stamps` [s], (k, n_sensors), and the truth: angles and torques of joints, positions and
+    forces of drives, tensions.
     """
-    rig = motion.plant.rig
+    rig = prepared.plant.rig
     channels = dict(zip(rig.sensor_names, read.T))
-    n = motion.plant.n_joints
+    n = prepared.plant.n_joints
     names = [
         *angle_names(rig.joint_names),
         *torque_names(rig.joint_names),
@@ -276,11 +277,11 @@ def log_of(
         *(f"force_{drive}" for drive in rig.drive_names),
         *(f"tension_{tendon}" for tendon in rig.tendon_names),
     ]
-    q = motion.q
-    pulls = motion.pulls
-    columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], motion.tensions])
+    q, _, tensions, pulls = np.split(y, ends_of_outputs(prepared.plant)[1:-1], axis=1)
+    columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], tensions])
+    grid = prepared.grid(len(y))
     truth = {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}
-    return Log(stamps, channels, truth, scenario.name or "simulation", SIMULATED)
+    return Log(stamps, channels, truth, prepared.scenario.name or "simulation", SIMULATED)
 
 
 BESIDE = ".rig.toml"
@@ -337,11 +338,10 @@ def rig_of_logs(
                 f"which rig? --rig takes a shipped rig's name (distal rigs) or a TOML file; {why}"
             )
         return load_rig(asked, assignments), ()
-    source = str(path)
-    named = parse_toml(read_text(path, RigError), source, RigError)
+    named = parse_toml(read_text(path, RigError), str(path), RigError)
     rig, values = named.get("rig"), named.get("set", {})
     if not isinstance(rig, str) or not isinstance(values, dict):
-        raise RigError(f"{source}: rig is a name or path, and [set] a table of path = value")
+        raise RigError(f"{path}: rig is a name or path, and [set] a table of path = value")
     if asked is not None and not (asked in shipped_rigs() and _alike(load_rig(asked), rig)):
         return load_rig(asked, assignments), ()
     later = dict(parse_assignment(text, RigError) for text in assignments)
