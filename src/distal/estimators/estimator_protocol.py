@@ -28,14 +28,17 @@ from math import ceil
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, EstimationError
+from distal.expressions import Vector
 from distal.kernels import (
     Advanced,
     Evaluation,
     Feed,
     Kernel,
+    Layout,
     advance,
     advance_all,
     at_samples,
@@ -45,6 +48,7 @@ from distal.kernels import (
 )
 from distal.kernels.layout import MISSING, bridge
 from distal.logs import LARGEST_READING, frozen
+from distal.model import symbols
 from distal.rig import (
     Rig,
     Role,
@@ -88,6 +92,12 @@ class Channels:
         """
         return tuple(sensor.name for sensor in (*self.proximal, *self.angles))
 
+    @property
+    def row(self) -> Layout:
+        """Layout of a sample x = (dt, values, mask)."""
+        n = len(self.names)
+        return Layout(dt=1, values=n, mask=n)
+
     def of_message(self, position: int) -> list[int]:
         """Return the indices of a position and of what its drive's motor reads with it."""
         drive = self.positions[position].of
@@ -122,8 +132,7 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = ()) -> Chann
             f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; "
             "add one to [[sensors]]"
         )
-    rates = [sensor.rate for sensor in (*positions, *forces, *tensions)]
-    interval = 1.0 / max(rates)
+    interval = 1.0 / max(sensor.rate for sensor in (*positions, *forces, *tensions))
     channels = Channels(positions, forces, tensions, tuple(references), interval)
     for sensors in (channels.positions, channels.forces, channels.tensions, channels.angles):
         seen: dict[str, str] = {}
@@ -211,9 +220,7 @@ def predictions(dt: float, interval: float) -> int:
     It is at most twice `MOST_BRIDGES`, also for an infinite `dt`.
     """
     parts = dt / (SPLIT * interval) - STAMP_ROUNDING
-    return (
-        max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES
-    )  # dt may be infinite
+    return max(1, ceil(min(2 * MOST_BRIDGES, parts)))
 
 
 def fill(
@@ -337,12 +344,8 @@ class Report:
                 columns += range(start, start + len(group))
                 start += len(group)
             states += group
-        correlation = np.zeros((len(states), len(states)))
-        at = 0
-        for block in correlations:
-            correlation[at : at + len(block), at : at + len(block)] = block
-            at += len(block)
         values, gains, variances = map(tuple, parts)
+        correlation = block_diag(np.zeros((0, 0)), *correlations)
         rows = tuple(map(tuple, correlation.tolist()))
         return cls(tuple(states), values, gains, variances, rows)
 
@@ -523,9 +526,19 @@ class KernelEstimator:
         Raises:
             EstimationError: the stamp is not finite, or the sample has the wrong shape or is wild.
         """
-        time = _number(self.name, time)
+        try:
+            time = float(time)
+        except (TypeError, ValueError):
+            raise EstimationError(
+                f"{self.name}: a stamp is a number of seconds, {time!r} came"
+            ) from None
         check_time(self.name, time, time, True)
-        mean, covariance, memory = self.prior(self._checked(sample), self._p)
+        with suppress(TypeError, ValueError):
+            sample = np.asarray(sample, dtype=np.float64)
+        problem = sample_problem(sample, self.channels) or wild_problem(sample)
+        if problem is not None:
+            raise EstimationError(f"{self.name}: {problem}")
+        mean, covariance, memory = self.prior(sample, self._p)
         kernel_state = np.concatenate([mean, covariance.ravel(), memory])
         return Belief(time, frozen(kernel_state), len(mean))
 
@@ -567,6 +580,11 @@ class KernelEstimator:
         raise EstimationError(
             f"{self.name} cannot be exported; adaptive, inextensible and elastic can"
         )
+
+    def _first_sample(self) -> list[Vector]:
+        """Return the symbols values, mask and p of `prior_function`."""
+        n = len(self.channels)
+        return symbols(ca.SX, values=n, mask=n, p=len(self._p))
 
     def scan(
         self, belief: Belief, times: Floats, samples: Floats
@@ -744,14 +762,6 @@ class KernelEstimator:
         columns = [self.channels.index(name) for name in self.measured]
         return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
 
-    def _checked(self, sample: Floats) -> Floats:
-        with suppress(TypeError, ValueError):
-            sample = np.asarray(sample, dtype=np.float64)
-        problem = sample_problem(sample, self.channels) or wild_problem(sample)
-        if problem is not None:
-            raise EstimationError(f"{self.name}: {problem}")
-        return sample
-
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's input rows (dt, values, mask) with those that bridge gaps, and the
         index of each sample's own row among them.
@@ -764,13 +774,6 @@ class KernelEstimator:
             EstimationError: a gap is too long.
         """
         return rows_with_gaps(self.name, steps, samples, self.interval, self.bridged)
-
-
-def _number(name: str, time: object) -> float:
-    try:
-        return float(time)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise EstimationError(f"{name}: a stamp is a number of seconds, {time!r} came") from None
 
 
 def check_time(name: str, before: float, now: float, first: bool) -> None:
@@ -826,12 +829,15 @@ def kinds_of(estimator: KernelEstimator) -> tuple[tuple[StateKind, ...], tuple[s
     return tuple(kinds), (*joints, *others)
 
 
-_OF_JOINT = {
+_UNITS = {
     StateKind.ANGLE: "rad",
     StateKind.SPEED: "rad/s",
     StateKind.EXTERNAL_TORQUE: "N m",
+    StateKind.SHEATH: "m",
+    StateKind.CREEP: "m",
+    StateKind.SENSOR_GAIN: "1",
 }
-"""Kind of a joint's state → its unit."""
+"""Kind of a state → its unit."""
 
 _OF_DRIVE = {
     StateKind.POSITION: position_unit,
@@ -840,6 +846,7 @@ _OF_DRIVE = {
     StateKind.TRANSMITTED: effort_unit,
     StateKind.TRANSMISSION_ERROR: effort_unit,
 }
+"""Kind of a drive's state → function that returns its unit."""
 
 
 def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
@@ -848,7 +855,6 @@ def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
     """
     rig: Rig = estimator.rig
     by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
-    drives = {drive.name: drive for drive in rig.drives}
     sensors = {sensor.name: sensor for sensor in rig.sensors}
 
     def unit(name: str, kind: StateKind, part: str) -> str:
@@ -858,15 +864,11 @@ def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
                 if part.endswith(".factor")
                 else number(rig, part.removesuffix(".deviation")).quantity.si or "1"
             )
-        if kind in (StateKind.SHEATH, StateKind.CREEP):
-            return "m"
         if kind in (StateKind.LINEARITY, StateKind.SENSOR_BIAS):
             return str(sensors[part].si)
         if kind in _OF_DRIVE:
-            return _OF_DRIVE[kind](drives[part])
-        return (
-            "1" if kind is StateKind.SENSOR_GAIN else _OF_JOINT.get(kind) or by_name.get(name, "")
-        )
+            return _OF_DRIVE[kind](rig.drive(part))
+        return _UNITS.get(kind) or by_name.get(name, "")
 
     return tuple(unit(*state) for state in zip(estimator.state_names, *kinds_of(estimator)))
 
@@ -897,8 +899,4 @@ def external_torques_of(estimator: KernelEstimator) -> dict[str, int]:
     """Return joint → index of the state that is the external torque on it, in the order of the
     joints.
     """
-    return states_of(
-        StateKind.EXTERNAL_TORQUE,
-        estimator.rig.joint_names,
-        *kinds_of(estimator),
-    )
+    return states_of(StateKind.EXTERNAL_TORQUE, estimator.rig.joint_names, *kinds_of(estimator))

@@ -17,19 +17,18 @@ import numpy as np
 from scipy.linalg import null_space
 
 from distal.arrays import Floats
-from distal.estimators.estimator_protocol import Channels, KernelEstimator, channels_of, sensor_for
+from distal.estimators.estimator_protocol import Channels, KernelEstimator, channels_of
 from distal.expressions import (
     Expression,
     Matrix,
     MatrixNode,
-    Scalar,
     ScalarNode,
     Vector,
     VectorNode,
 )
 from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.layout import is_read
-from distal.model import Mechanism, solver
+from distal.model import Mechanism, solver, symbols
 from distal.rig import Rig, Sensor, angle_names, gain_of, tendon_angle_name
 from distal.sensor_errors import systematic_variance, variance
 
@@ -176,23 +175,19 @@ def read_drives(
         x: the sample (dt, values, mask).
     """
     names = rig.drive_names
-    width = len(channels.names)
-    dt = x[0]
-    values = x[1 : 1 + width]
-    mask = x[1 + width :]
+    dt, values, mask = channels.row.parts(x).values()
     forget = ca.exp(-2 * ca.pi * CUT_OFF * dt)
     held = ca.vertsplit(positions)
     filtered = ca.vertsplit(pulls)
-    for sensor in channels.positions:
-        i = names.index(sensor.of)
-        j = channels.names.index(sensor.name)
-        held[i] = ca.if_else(is_read(mask[j]), values[j] - sensor.bias.value, positions[i])
-    for sensor in channels.forces:
+    for sensor in (*channels.positions, *channels.forces):
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
         read = (values[j] - sensor.bias.value) / gain_of(sensor).value
-        after = read + forget * (pulls[i] - read)
-        filtered[i] = ca.if_else(is_read(mask[j]), after, pulls[i])
+        if sensor in channels.positions:
+            held[i] = ca.if_else(is_read(mask[j]), read, positions[i])
+        else:
+            after = read + forget * (pulls[i] - read)
+            filtered[i] = ca.if_else(is_read(mask[j]), after, pulls[i])
     return ca.vertcat(*held), ca.vertcat(*filtered)
 
 
@@ -207,12 +202,6 @@ def first_drives(
     nominal = ca.SX(ca.DM([drive.nominal_force.value for drive in rig.drives]))
     still = ca.SX.zeros(len(rig.drives))
     return read_drives(rig, channels, still, nominal, ca.vertcat(ca.inf, values, mask))
-
-
-def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
-    """Return the indices of the tendons whose drive has a position sensor."""
-    drives = [sensor.of for sensor in channels.positions]
-    return tuple(i for i, tendon in enumerate(rig.tendons) if tendon.drive in drives)
 
 
 ITERATIONS = 3
@@ -236,31 +225,6 @@ decide before springs do [1]. Source: judgement.
 """
 
 
-def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar]:
-    """Return the stretch of each tendon beyond that at its pre-tension, (T − T_pre)/k [m]; 0 if not
-    `elastic`.
-
-    The tensions balance the pull F of their drive with the smallest changes: T = T_pre + h (F − Σ h
-    T_pre)/Σ h². The `pulls` are (n_drives,) [N, N m].
-    """
-    n = mechanism.n_tendons
-    if not elastic:
-        return [ca.SX(0)] * n
-    p = mechanism.parameters
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    drives = mechanism.drive_of
-    # h, a tendon's displacement per one of its drive: 1 for a slider, side · R for a capstan
-    levers = [ca.jacobian(mechanism.displacement(i, q), q[drives[i]]) for i in range(n)]
-    lengths = []
-    for i, drive in enumerate(drives):
-        tendons = [j for j in range(n) if drives[j] == drive]
-        standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
-        square = sum((levers[j] ** 2 for j in tendons), ca.SX(0))
-        change = levers[i] / square * (pulls[drive - mechanism.n_joints] - standing)
-        lengths.append(change / p[f"tendons.{i}.stiffness"])
-    return lengths
-
-
 def unseen_covariance(rig: Rig) -> Floats:
     """Return the covariance of the angles along the directions that no tendon sees, (n_joints,
     n_joints) [rad²].
@@ -275,124 +239,28 @@ def unseen_covariance(rig: Rig) -> Floats:
     return covariance
 
 
-def kinematic_function(
-    mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
-) -> ca.Function:
-    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator.
-
-    Of one joint a tendon whose drive has a position sensor gives the angle at which its length fits
-    the drive's displacement: ℓ − l = e_0 + s, with its stretch s of `stretches`. The joint's angle
-    is the mean over these tendons. e_0 is ℓ − l − s at the first sample, with the joint at its
-    `initial` angle. Of several joints, see `_fitted`.
-
-    Args:
-        mechanism: the rig's equations.
-        channels: the sensors that are read.
-        tendons: indices of the tendons whose drives have position sensors.
-        elastic: whether tendons stretch.
-    """
-    nd = mechanism.n_drives
-    nj = mechanism.n_joints
-    k = len(tendons) if nj == 1 else 0
-    layout = kernel_state_layout(nj + k, lengths=k, positions=nd, pulls=nd)
-    kernel_state = ca.SX.sym("kernel_state", layout.size)
-    x = ca.SX.sym("x", 1 + 2 * len(channels.names))
-    was = layout.parts(kernel_state)
-    positions, pulls = read_drives(mechanism.rig, channels, was["positions"], was["pulls"], x)
-    stretched = stretches(mechanism, pulls, elastic)
-    if nj == 1:
-        q = ca.vertcat(was["mean"][0], positions)
-        angles = [
-            mechanism.angle_at(tendon, was["lengths"][row] + stretched[tendon], q)
-            for row, tendon in enumerate(tendons)
-        ]
-        mean = ca.vertcat(sum(angles) / len(angles), *angles)
-        covariance = was["covariance"]
-    else:
-        lengths = ca.vertcat(*(stretched[i] for i in tendons))
-        mean, covariance = _fitted(mechanism, channels, tendons, was["mean"], positions, lengths)
-    following = layout.joined(
-        mean=mean, covariance=covariance, lengths=was["lengths"], positions=positions, pulls=pulls
-    )
-    return ca.Function(
-        "kinematic",
-        [kernel_state, x, mechanism.parameters.symbols],
-        [ca.cse(following), ca.SX.zeros(1)],
-    )
-
-
-def _fitted(
-    mechanism: Mechanism,
-    channels: Channels,
-    tendons: tuple[int, ...],
-    angles: Vector,
-    positions: Vector,
-    desired: Vector,
-) -> tuple[Vector, Matrix]:
-    """Return the angles of several joints that fit the lengths of all tendons best, by least
-    squares, and their covariance.
-
-    They minimise Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)² over θ. With fewer tendons than
-    joints many postures fit; the energy of the springs is then added, with the tendons' weight
-    times `CONSTRAINT`, and selects one of them. The zero is the rig's own: θ = 0 and s = 0 at
-    pre-tension.
-
-    Args:
-        mechanism: the rig's equations.
-        channels: the sensors that are read.
-        tendons: indices of the tendons.
-        angles: at which the search begins, (n_joints,).
-        positions: of the drives, (n_drives,).
-        desired: stretch of each tendon, (n_tendons,).
-    """
-    nj = mechanism.n_joints
-    free = mechanism.free
-    spread = mechanism.spread
-    p = mechanism.parameters
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    rows = list(tendons)
-    few = len(rows) < len(free)
-    lengths = mechanism.elongations(q)[rows]
-    look = ca.Function(
-        "lengths",
-        [q, p.symbols],
-        [lengths, mechanism.length_jacobian(q)[rows, :], mechanism.passive_springs(q)],
-    )
-    weights = ca.diag(
-        ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
-    )
-    for _ in range(ITERATIONS):
-        length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
-        arms = ca.mtimes(slopes[:, :nj], spread)
-        along = ca.mtimes(arms.T, weights)
-        matrix = ca.mtimes(along, arms)
-        push = ca.mtimes(along, desired - length)
-        if few:
-            push += ca.mtimes(spread.T, springs[:, 0])
-            matrix += ca.mtimes([spread.T, ca.diag(springs[:, 1]), spread])
-        matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
-        solve = solver(matrix, ca.SX.ones(len(free)))
-        angles = ca.mtimes(spread, angles[free] + solve(push)) + mechanism.offsets
-    by_length = ca.mtimes(spread, ca.horzcat(*(solve(column) for column in ca.horzsplit(along))))
-    errors = {mechanism.rig.drive_names.index(s.of): error_of(s) for s in channels.positions}
-    bodies = [mechanism.drive_of[i] for i in rows]
-    variances = [slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies)]
-    covariance = ca.mtimes([by_length, ca.diag(ca.vertcat(*variances)), by_length.T])
-    return angles, covariance + ca.DM(unseen_covariance(mechanism.rig))
-
-
 def error_of(sensor: Sensor) -> float:
     """Return the variance of a sensor's errors, as if all were random from sample to sample."""
     return variance(sensor) + systematic_variance(sensor)
 
 
 class KinematicEstimator(KernelEstimator):
-    """The angles of the joints from the drives' displacements and the tendons' lengths; see
-    `kinematic_function`.
+    """The angles of the joints from the drives' displacements and the tendons' lengths.
+
+    Of one joint a tendon whose drive has a position sensor gives the angle at which its length fits
+    the drive's displacement: ℓ − l = e_0 + s, with its stretch s of `_stretches`. The joint's angle
+    is the mean over these tendons. e_0 is ℓ − l − s at the first sample, with the joint at its
+    `initial` angle. Of several joints, see `_fitted`.
 
     Its standard deviation takes the errors of the position sensors and, of one joint, of the
     initial angle into account, but not the stretch of the tendons (or, if `elastic`, not their
     friction).
+
+    Args:
+        name: of the estimator.
+        rig: the description.
+        elastic: whether tendons stretch.
+        compiled: whether the kernel is compiled where possible.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -401,24 +269,135 @@ class KinematicEstimator(KernelEstimator):
     def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
         self._mechanism = Mechanism(rig)
         self._channels = channels_of(rig, name)
-        self._tendons = measured_tendons(rig, self._channels)
+        drives = [sensor.of for sensor in self._channels.positions]
+        self._tendons = [i for i, tendon in enumerate(rig.tendons) if tendon.drive in drives]
         self._elastic = elastic
         self._alone = len(rig.joints) == 1
-        function = kinematic_function(self._mechanism, self._channels, self._tendons, elastic)
-        kernel = Kernel(function, compiled)
+        kernel = Kernel(self._function(), compiled)
         names = angle_names(rig.joint_names)
         if self._alone:
             names = (*names, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         p = self._mechanism.parameters.values
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
+    def _function(self) -> ca.Function:
+        """Return the function (kernel_state, x, p) → (kernel_state⁺, y)."""
+        mechanism = self._mechanism
+        nd = mechanism.n_drives
+        k = len(self._tendons) if self._alone else 0
+        layout = kernel_state_layout(mechanism.n_joints + k, lengths=k, positions=nd, pulls=nd)
+        inputs = symbols(ca.SX, kernel_state=layout.size, x=self._channels.row.size)
+        kernel_state, x = inputs
+        was = layout.parts(kernel_state)
+        positions, pulls = read_drives(
+            mechanism.rig, self._channels, was["positions"], was["pulls"], x
+        )
+        stretched = self._stretches(pulls)
+        if self._alone:
+            q = ca.vertcat(was["mean"][0], positions)
+            angles = [
+                mechanism.angle_at(tendon, was["lengths"][row] + stretched[row], q)
+                for row, tendon in enumerate(self._tendons)
+            ]
+            mean = ca.vertcat(sum(angles) / len(angles), *angles)
+            covariance = was["covariance"]
+        else:
+            mean, covariance = self._fitted(was["mean"], positions, stretched)
+        following = layout.joined(
+            mean=mean,
+            covariance=covariance,
+            lengths=was["lengths"],
+            positions=positions,
+            pulls=pulls,
+        )
+        arguments = [*inputs, mechanism.parameters.symbols]
+        return ca.Function("kinematic", arguments, [ca.cse(following), ca.SX.zeros(1)])
+
+    def _stretches(self, pulls: Vector) -> Vector:
+        """Return the stretch of each measured tendon beyond that at its pre-tension, (T − T_pre)/k,
+        (n_tendons,) [m]; 0 if not `elastic`.
+
+        The tensions balance the pull F of their drive with the smallest changes: T = T_pre + h (F −
+        Σ h T_pre)/Σ h². The `pulls` are (n_drives,) [N, N m].
+        """
+        if not self._elastic:
+            return ca.SX.zeros(len(self._tendons))
+        mechanism = self._mechanism
+        p = mechanism.parameters
+        # h, a tendon's displacement per one of its drive: 1 for a slider, side · R for a capstan
+        levers = [mechanism.winds(i) * mechanism.lever(d) for i, d in enumerate(mechanism.drive_of)]
+        lengths = []
+        for i in self._tendons:
+            drive = mechanism.drive_of[i]
+            tendons = mechanism.pulled_by(drive)
+            standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
+            square = sum((levers[j] ** 2 for j in tendons), ca.SX(0))
+            change = levers[i] / square * (pulls[drive - mechanism.n_joints] - standing)
+            lengths.append(change / p[f"tendons.{i}.stiffness"])
+        return ca.vertcat(*lengths)
+
+    def _fitted(self, angles: Vector, positions: Vector, desired: Vector) -> tuple[Vector, Matrix]:
+        """Return the angles of several joints that fit the lengths of all measured tendons best, by
+        least squares, and their covariance.
+
+        They minimise Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)² over θ. With fewer tendons than
+        joints many postures fit; the energy of the springs is then added, with the tendons' weight
+        times `CONSTRAINT`, and selects one of them. The zero is the rig's own: θ = 0 and s = 0 at
+        pre-tension.
+
+        Args:
+            angles: at which the search begins, (n_joints,).
+            positions: of the drives, (n_drives,).
+            desired: stretch of each tendon, (n_tendons,).
+        """
+        mechanism = self._mechanism
+        nj = mechanism.n_joints
+        free = mechanism.free
+        spread = mechanism.spread
+        p = mechanism.parameters
+        q = ca.SX.sym("q", mechanism.n_bodies)
+        rows = self._tendons
+        few = len(rows) < len(free)
+        lengths = mechanism.elongations(q)[rows]
+        look = ca.Function(
+            "lengths",
+            [q, p.symbols],
+            [lengths, mechanism.length_jacobian(q)[rows, :], mechanism.passive_springs(q)],
+        )
+        weights = ca.diag(
+            ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
+        )
+        for _ in range(ITERATIONS):
+            length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
+            arms = ca.mtimes(slopes[:, :nj], spread)
+            along = ca.mtimes(arms.T, weights)
+            matrix = ca.mtimes(along, arms)
+            push = ca.mtimes(along, desired - length)
+            if few:
+                push += ca.mtimes(spread.T, springs[:, 0])
+                matrix += ca.mtimes([spread.T, ca.diag(springs[:, 1]), spread])
+            matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
+            solve = solver(matrix, ca.SX.ones(len(free)))
+            angles = ca.mtimes(spread, angles[free] + solve(push)) + mechanism.offsets
+        columns = (solve(column) for column in ca.horzsplit(along))
+        by_length = ca.mtimes(spread, ca.horzcat(*columns))
+        variances = [
+            slopes[k, mechanism.drive_of[i]] ** 2 * self._error(i) for k, i in enumerate(rows)
+        ]
+        covariance = ca.mtimes([by_length, ca.diag(ca.vertcat(*variances)), by_length.T])
+        return angles, covariance + ca.DM(unseen_covariance(mechanism.rig))
+
+    def _error(self, tendon: int) -> float:
+        """Return the variance of the errors of the position of a tendon's drive."""
+        part = self._mechanism.rig.tendons[tendon]
+        return next(error_of(s) for s in self._channels.positions if s.of == part.drive)
+
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance or variances, memory) before
         the first sample.
         """
-        channels = self._channels
-        values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
-        positions, pulls = first_drives(self.rig, channels, values, mask)
+        values, mask, _ = self._first_sample()
+        positions, pulls = first_drives(self.rig, self._channels, values, mask)
         angles, stds = (
             ca.DM([getattr(joint.initial, part) for joint in self.rig.joints])
             for part in ("value", "std")
@@ -426,11 +405,9 @@ class KinematicEstimator(KernelEstimator):
         drives = ca.vertcat(positions, pulls)
         prior = angles, stds**2, drives
         if self._alone:
-            tendons = list(self._tendons)
             q = ca.vertcat(angles, positions)
-            stretched = ca.vertcat(*stretches(self._mechanism, pulls, self._elastic))
-            lengths = (self._mechanism.elongations(q) - stretched)[tendons]
-            mean = ca.SX.ones(1 + len(tendons)) * angles
+            lengths = self._mechanism.elongations(q)[self._tendons] - self._stretches(pulls)
+            mean = ca.SX.ones(1 + len(self._tendons)) * angles
             prior = mean, self._first_covariance(q) + stds**2, ca.vertcat(lengths, drives)
         p = self._mechanism.parameters.symbols
         return ca.Function("prior", [values, mask, p], [ca.densify(ca.SX(part)) for part in prior])
@@ -442,15 +419,11 @@ class KinematicEstimator(KernelEstimator):
         All tendons have the same zero, whose error they share; a sensor errs twice, at the first
         sample and at the current one.
         """
-        rig = self.rig
         jacobian = self._mechanism.length_jacobian(q)
         variances = []
         for i in self._tendons:
-            sensor = sensor_for(self._channels.positions, rig.tendons[i].drive)
-            assert sensor is not None  # `measured_tendons`
-            body = self._mechanism.drive_of[i]
-            slope = jacobian[i, body] / jacobian[i, 0]
-            variances.append(slope**2 * 2.0 * error_of(sensor))
+            slope = jacobian[i, self._mechanism.drive_of[i]] / jacobian[i, 0]
+            variances.append(slope**2 * 2.0 * self._error(i))
         k = len(variances)
         mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))
         return ca.mtimes([mixing, ca.diag(ca.vertcat(*variances)), mixing.T])

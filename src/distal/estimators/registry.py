@@ -13,8 +13,8 @@ from distal.estimators.regression_estimator import RegressionEstimator
 from distal.rig import Rig
 
 ESTIMATORS: dict[str, Callable[[Rig, bool], KernelEstimator]] = {
-    "adaptive": lambda rig, compiled: AdaptiveFilter(rig, compiled),
-    "regression": lambda rig, compiled: RegressionEstimator(rig, compiled),
+    "adaptive": AdaptiveFilter,
+    "regression": RegressionEstimator,
     "inextensible": lambda rig, compiled: KinematicEstimator("inextensible", rig, False, compiled),
     "elastic": lambda rig, compiled: KinematicEstimator("elastic", rig, True, compiled),
     "ekf": lambda rig, compiled: FullStateFilter("ekf", rig, rig_noise(rig), compiled),

@@ -25,9 +25,10 @@ from distal.estimators.estimator_protocol import (
     KernelEstimator,
     channels_of,
 )
-from distal.kernels import Kernel, kernel_state_layout
+from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
+from distal.model import symbols
 from distal.parallel import one_blas_thread
 from distal.regression import (
     JudgedJumps,
@@ -159,8 +160,7 @@ class RegressionEstimator(KernelEstimator):
         self._p = frozen(np.concatenate([*of_maps, *of_positions, *of_judges]))
         self._begin = None
         if self._kernel is None:
-            function = regression_function(maps, self._judges, self._sensors, self.rig.joint_names)
-            self._kernel = Kernel(function, self._compiled)
+            self._kernel = Kernel(self._function(), self._compiled)
 
     @one_blas_thread()
     def after_homing(self, log: Log, homing: float) -> RegressionEstimator:
@@ -212,6 +212,83 @@ class RegressionEstimator(KernelEstimator):
         """
         return len(self._sensors.positions)
 
+    def _function(self) -> ca.Function:
+        """Return the function (kernel_state, x, p) → (kernel_state⁺, y). A position is as the
+        filter's `track_function` believes it; where it is in doubt, all that its motor reads is
+        missing.
+        """
+        n = len(self.state_names)
+        shapes = [Shape.of(learned) for learned in self.maps]
+        memories = sum(shape.memory.size for shape in shapes)
+        judged_size = sum(judge.memory.size for judge in self._judges)
+        layout = kernel_state_layout(
+            n, map=memories, drives=MEMORY * self.bridged, judges=judged_size
+        )
+        of = Layout(
+            maps=sum(
+                map_layout(shape, len(learned.joints)).size
+                for shape, learned in zip(shapes, self.maps)
+            ),
+            drives=JUDGED.size * self.bridged,
+            judges=sum(judge.parameters for judge in self._judges),
+        )
+        inputs = symbols(ca.MX, kernel_state=layout.size, x=self._sensors.row.size, p=of.size)
+        kernel_state, x, p = inputs
+        dt, readings, masks = self._sensors.row.parts(x).values()
+        p_left, judged_by_p, of_judges = of.parts(p).values()
+        sample = judged_alone(
+            ca.vertsplit(kernel_state[layout["drives"]], MEMORY),
+            dt,
+            readings,
+            masks,
+            [
+                (k, judged_by_this, self._sensors.of_message(k))
+                for k, judged_by_this in enumerate(ca.vertsplit(judged_by_p, JUDGED.size))
+            ],
+        )
+        ratios, judged = evidence_of_jumps(
+            self._judges,
+            kernel_state[layout["judges"]],
+            dt,
+            sample.off,
+            sample.real,
+            sample.masks,
+            of_judges,
+        )
+        drives = [with_evidence(drive, ratios[k]) for k, drive in enumerate(sample.drives)]
+        mean = ca.MX.zeros(n)
+        spread = ca.MX.zeros(n, n)
+        after = []
+        remembered = kernel_state[layout["map"]]
+        for learned, shape in zip(self.maps, shapes):
+            columns = [self.channels.index(name) for name in learned.channels]
+            rows = [self.rig.joint_names.index(joint) for joint in learned.joints]
+            of_map = map_layout(shape, len(rows))
+            parameters, p_left = p_left[: of_map.size], p_left[of_map.size :]
+            memory, remembered = remembered[: shape.memory.size], remembered[shape.memory.size :]
+            values, _, variances, following = map_function(shape, len(rows))(
+                memory,
+                dt,
+                sample.off[columns],
+                sample.masks[columns],
+                parameters,
+                sample.doubts[columns],
+                sample.real[columns],
+                sample.chance,
+            )
+            stds = ca.sqrt(variances)
+            mean[rows] = values
+            spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
+            after.append(following)
+        following = layout.joined(
+            mean=mean,
+            covariance=spread,
+            map=ca.vertcat(*after),
+            drives=ca.vertcat(ca.MX(0, 1), *drives),
+            judges=judged,
+        )
+        return ca.Function("regression", inputs, [following, ca.MX.zeros(1)])
+
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
         first sample.
@@ -223,9 +300,8 @@ class RegressionEstimator(KernelEstimator):
             raise EstimationError(
                 f"regression: '{self.rig.name}' has no map before its homing move; it {NEEDS}"
             )
-        values = ca.SX.sym("values", len(self.channels))
-        mask = ca.SX.sym("mask", len(self.channels))
-        p = ca.SX.sym("p", len(self._p))
+        inputs = self._first_sample()
+        values, mask, _ = inputs
         joints = self.rig.joints
         mean = ca.SX(ca.DM([joint.initial.value for joint in joints]))
         spread = ca.SX(ca.DM([joint.initial.std**2 for joint in joints]))
@@ -242,81 +318,4 @@ class RegressionEstimator(KernelEstimator):
         for judge in self._judges:
             at = list(judge.positions)
             memories.append(judge.begun(values[at], mask[at]))
-        return ca.Function("prior", [values, mask, p], [mean, spread, ca.vertcat(*memories)])
-
-
-def regression_function(
-    maps: Sequence[LearnedMap],
-    judges: Sequence[JudgedJumps],
-    channels: Channels,
-    joints: Sequence[str],
-) -> ca.Function:
-    """Return the estimator's function (kernel_state, x, p) → (kernel_state⁺, y) for maps of the
-    `joints` on readings of the `channels`. A position is as the filter's `track_function` believes
-    it; where it is in doubt, all that its motor reads is missing.
-    """
-    n = len(joints)
-    names = [sensor.name for sensor in channels.proximal]
-    width = len(names)
-    positions = len(channels.positions)
-    shapes = [Shape.of(learned) for learned in maps]
-    memories = sum(shape.memory.size for shape in shapes)
-    judged_size = sum(judge.memory.size for judge in judges)
-    layout = kernel_state_layout(n, map=memories, drives=MEMORY * positions, judges=judged_size)
-    kernel_state = ca.MX.sym("kernel_state", layout.size)
-    x = ca.MX.sym("x", 1 + 2 * width)
-    sizes = [map_layout(shape, len(of.joints)).size for shape, of in zip(shapes, maps)]
-    of_judges = sum(judge.parameters for judge in judges)
-    p = ca.MX.sym("p", sum(sizes) + JUDGED.size * positions + of_judges)
-    p_left = p
-    at = sum(sizes)
-    judged_by_p = ca.vertsplit(p[at : at + JUDGED.size * positions], JUDGED.size)
-    sample = judged_alone(
-        ca.vertsplit(kernel_state[layout["drives"]], MEMORY),
-        x[0],
-        x[1 : 1 + width],
-        x[1 + width :],
-        [(k, judged_by_p[k], channels.of_message(k)) for k in range(positions)],
-    )
-    ratios, judged = evidence_of_jumps(
-        judges,
-        kernel_state[layout["judges"]],
-        x[0],
-        sample.off,
-        sample.real,
-        sample.masks,
-        p[at + JUDGED.size * positions :],
-    )
-    drives = [with_evidence(drive, ratios[k]) for k, drive in enumerate(sample.drives)]
-    mean = ca.MX.zeros(n)
-    spread = ca.MX.zeros(n, n)
-    after = []
-    remembered = kernel_state[layout["map"]]
-    for learned, shape in zip(maps, shapes):
-        columns = [names.index(name) for name in learned.channels]
-        rows = [list(joints).index(joint) for joint in learned.joints]
-        of_map = map_layout(shape, len(rows))
-        parameters, p_left = p_left[: of_map.size], p_left[of_map.size :]
-        memory, remembered = remembered[: shape.memory.size], remembered[shape.memory.size :]
-        values, _, variances, following = map_function(shape, len(rows))(
-            memory,
-            x[0],
-            sample.off[columns],
-            sample.masks[columns],
-            parameters,
-            sample.doubts[columns],
-            sample.real[columns],
-            sample.chance,
-        )
-        stds = ca.sqrt(variances)
-        mean[rows] = values
-        spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
-        after.append(following)
-    following = layout.joined(
-        mean=mean,
-        covariance=spread,
-        map=ca.vertcat(*after),
-        drives=ca.vertcat(ca.MX(0, 1), *drives),
-        judges=judged,
-    )
-    return ca.Function("regression", [kernel_state, x, p], [following, ca.MX.zeros(1)])
+        return ca.Function("prior", inputs, [mean, spread, ca.vertcat(*memories)])

@@ -22,6 +22,7 @@ from distal.model.friction import (
     soft_moments,
 )
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
+from distal.model.parameters import dense_function, symbols
 from distal.model.stepping import (
     RESOLUTION,
     Contacts,
@@ -51,6 +52,7 @@ __all__ = [
     "Slip",
     "clip_moments",
     "damped_inertias",
+    "dense_function",
     "free_response",
     "impulses",
     "interval_step",
@@ -68,4 +70,5 @@ __all__ = [
     "stiffest_frequency",
     "stretched",
     "substeps",
+    "symbols",
 ]

@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from distal.expressions import Matrix, Scalar, Vector, rotation
-from distal.model.parameters import Parameters
+from distal.model.parameters import Parameters, symbols
 from distal.rig import Rig
 
 
@@ -41,12 +41,6 @@ class Chain:
     def vector(self, path: str) -> Vector:
         """Return the vector at a path of the description, (3,)."""
         return ca.vertcat(*(self._p[f"{path}.{k}"] for k in range(3)))
-
-    def rotations(self, q: Vector) -> list[Matrix]:
-        """Return the rotation matrix of each joint's frame in the frame of its parent at q, (3, 3)
-        each.
-        """
-        return [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
 
     def gravity(self) -> Vector:
         """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
@@ -73,8 +67,9 @@ class Chain:
         (n_joints,) [N m], by recursive Newton–Euler. The `acceleration` is q̈, (n_joints,)
         [rad/s²].
         """
-        n = len(self.rig.joints)
-        turned = self.rotations(q)
+        n = len(self.parents)
+        # of each joint's frame in the frame of its parent
+        turned = [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
         resting = (ca.SX(3, 1), ca.SX(3, 1), -self.gravity())
         moving = list[tuple[Vector, Vector, Vector]]()
         loads = list[tuple[Vector, Vector]]()
@@ -210,7 +205,7 @@ def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     rest.
     """
     n = matrix.size1()
-    v = [ca.SX(0)] * matrix.size1()
+    v = [ca.SX(0)] * n
     for _ in range(SWEEPS):
         for j in range(n):
             left = load[j] - sum(matrix[j, i] * v[i] for i in range(n) if i != j)
@@ -230,11 +225,8 @@ def _event(n: int) -> ca.Function:
     The function stays one of its own in C: a chain follows many events, and their code is there
     once.
     """
-    matrix = ca.SX.sym("A", n, n)
-    change, up, down, signs, v, g = symbols = [
-        ca.SX.sym(name, n) for name in ("change", "u", "d", "signs", "v", "g")
-    ]
-    left = ca.SX.sym("left")
+    inputs = symbols(ca.SX, A=(n, n), change=n, u=n, d=n, signs=n, v=n, g=n, left=1)
+    matrix, change, up, down, signs, v, g, left = inputs
     moving = signs * signs
     held = 1 - moving
     span = up + down
@@ -258,7 +250,6 @@ def _event(n: int) -> ca.Function:
     # the velocity of a joint that has just stopped is zero
     stands = ca.vertcat(*after) ** 2
     state = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
-    inputs = [matrix, *symbols, left]
     return ca.Function(
         "event", inputs, [ca.densify(part) for part in state], {"cse": True, "never_inline": True}
     )

@@ -46,6 +46,11 @@ class Limit:
         return Limit(factor * self.up, factor * self.down)
 
 
+def _limit(limit: Limit | Scalar) -> Limit:
+    """Return a limit that may be the same in both directions."""
+    return limit if isinstance(limit, Limit) else Limit(limit, limit)
+
+
 def soft(z: Scalar, limit: Limit | Scalar) -> Scalar:
     """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity that friction leaves, zero in stick.
 
@@ -61,10 +66,10 @@ def slip(z: Scalar, limit: Limit | Scalar, factor: Scalar = 1) -> tuple[Scalar, 
     """Return (f, b) for `slipped`: f is `factor` where a velocity z slips to +, b where it slips to
     −; otherwise they are 0. The `limit` is that of `soft`.
     """
-    up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
+    limit = _limit(limit)
     # where the limit is 0 (no friction, or no time passes) z = 0 counts as slip: nothing holds the
     # body
-    return (z >= up) * factor, (z < -down) * factor
+    return (z >= limit.up) * factor, (z < -limit.down) * factor
 
 
 def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> Scalar:
@@ -73,10 +78,10 @@ def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> 
 
     The factors `forward` f and `back` b are those of `slip`; z and the `limit` are those of `soft`.
     """
-    up, down = (limit.up, limit.down) if isinstance(limit, Limit) else (limit, limit)
-    if ca.is_equal(ca.SX(up), ca.SX(down), 3):
-        return (forward + back) * z - (forward - back) * up
-    return (forward + back) * z - forward * up + back * down
+    limit = _limit(limit)
+    if ca.is_equal(ca.SX(limit.up), ca.SX(limit.down), 3):
+        return (forward + back) * z - (forward - back) * limit.up
+    return (forward + back) * z - forward * limit.up + back * limit.down
 
 
 def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limit:
@@ -202,7 +207,7 @@ def soft_moments(z: Scalar, limit: Limit | Scalar, std: Scalar) -> SoftMoments:
     uncertain, while the linearisation of `soft` says that it cannot. The simulation never smooths
     friction. The `limit` is that of `soft`.
     """
-    limits = limit if isinstance(limit, Limit) else Limit(limit, limit)
+    limits = _limit(limit)
     # soft(z, l) = z − clip(z, −l₋, l₊)
     held = clip_moments(-limits.down - z, limits.up - z, ca.SX(0), std)
     return SoftMoments(-held.mean, held.by_low + held.by_high, held.rest, held.by_high, held.by_low)

@@ -109,11 +109,10 @@ class Mechanism(Tendons):
         (n_joints, 2) [N m, N m/rad].
         """
         at = ca.SX.sym("q", self.n_bodies)
-        rows = []
-        for i, joint in enumerate(self.rig.joints):
-            torque = self._spring_torque(i, joint, at)
-            rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
-        return ca.substitute(ca.vertcat(*rows), at, q)
+        joints = enumerate(self.rig.joints)
+        torques = ca.vertcat(*(self._spring_torque(i, joint, at) for i, joint in joints))
+        stiffness = -ca.diag(ca.jacobian(torques, at[: self.n_joints]))
+        return ca.substitute(ca.horzcat(torques, stiffness), at, q)
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
         """Return the torque [N m] of a joint's return springs: −(k x + k₂ x² + k₃ x³) with x = θ −
@@ -165,7 +164,7 @@ class Mechanism(Tendons):
             if body.is_joint:
                 limit = self._joint_friction(i, tensions)
             else:
-                limit = self._drive_friction(i, q, tensions if at_drives is None else at_drives)
+                limit = self._drive_friction(i, tensions if at_drives is None else at_drives)
             name = f"{body.path}.friction.stribeck"
             if f"{name}.excess" in p:
                 limit = limit.times(stribeck(v[i], p[f"{name}.excess"], p[f"{name}.speed"]))
@@ -190,7 +189,7 @@ class Mechanism(Tendons):
             limit = limit * reference * ((preload + tension) / reference) ** exponent
         return Limit(limit, limit)
 
-    def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
+    def _drive_friction(self, body: int, tensions: Vector) -> Limit:
         """Return the friction limits of a drive: its own friction, and that along the paths of its
         tendons.
         """
@@ -198,11 +197,10 @@ class Mechanism(Tendons):
         up = limit
         down = limit
         for i in self.pulled_by(body):
-            part = self.rig.tendons[i].path
             wrapped = self.wrapped(i)
-            if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
+            if ca.SX(wrapped).is_zero() or self.sheath(i) is not None:
                 continue
-            out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
+            out = self.parameters[f"tendons.{i}.path.let_out"]
             rubs = capstan_limit(tensions[i], wrapped, out).times(self.lever(body))
             # a capstan's positive angle lets out the tendons of side −1
             drawn_in, let_out = (rubs.up, rubs.down) if self.winds(i) > 0 else (rubs.down, rubs.up)

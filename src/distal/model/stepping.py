@@ -42,6 +42,7 @@ from distal.model.friction import (
     velocity_in_stops,
 )
 from distal.model.mechanism import Mechanism
+from distal.model.parameters import symbols
 
 SHORTEST_KICK = 1e-15
 """Least length of a kick, by which changes of velocities are divided [s]. Source: rounding (a
@@ -192,10 +193,9 @@ def _contacts(
     """
     length = kick.length
     drift = kick.drift
-    rows = list[tuple[Scalar, Scalar, Scalar]]()
+    table = ca.SX.zeros(len(mechanism.free), 3)
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
-            rows.append((0, 0, 0))
             continue
         stiffness, damping, low, high = mechanism.stop(j)
         end = kick.q[j] if last else kick.q[j] + drift * v[k]
@@ -203,8 +203,9 @@ def _contacts(
         touching = ca.logic_or(at_high, at_low)
         share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
         implicit = touching * length * (share * stiffness * drift + damping)
-        rows.append((touching * length * stiffness, implicit, ca.if_else(at_high, high, low)))
-    return Contacts(*(ca.vertcat(*column) for column in zip(*rows)))
+        position = ca.if_else(at_high, high, low)
+        table[k, :] = ca.horzcat(touching * length * stiffness, implicit, position)
+    return Contacts(*ca.horzsplit(table))
 
 
 def _bounced(
@@ -225,10 +226,9 @@ def _bounced(
     """
     drift = kick.drift
     contacts = pressed.contacts
-    rows = list[tuple[Scalar, Scalar, Scalar]]()
+    table = ca.SX.zeros(len(mechanism.free), 3)
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
-            rows.append((0, 0, 0))
             continue
         stiffness, damping, _, high = mechanism.stop(j)
         unresolved = stiffness * drift * drift / inertias[k] > 1
@@ -236,8 +236,8 @@ def _bounced(
         end = contacts.position[k]
         flight = Flight(alone[k], kick.q[j], before[k], kick.length, drift)
         flies, after, position = bounce(rebound, end == high, end, flight)
-        rows.append((ca.logic_and(contacts.damping[k] > 0, flies), after, position))
-    bouncing, speeds, positions = (ca.vertcat(*column) for column in zip(*rows))
+        table[k, :] = ca.horzcat(ca.logic_and(contacts.damping[k] > 0, flies), after, position)
+    bouncing, speeds, positions = ca.horzsplit(table)
     imposed = bouncing * speeds
     impulse = pressed.load - pressed.slip.friction(pressed.up, pressed.down)
     moving = solver(pressed.matrix, pressed.slip.moving * (1 - bouncing))
@@ -624,46 +624,29 @@ def interval_step(
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.symbols
-    q, v, effort = (ca.SX.sym(name, n) for name in ("q", "v", "effort"))
-    length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
-    symbols = q, v, effort, ca.SX.sym("response", n, 4), length, drift
-    servo = ca.SX.sym("servo", n, 3)
-    implicit = None
+    of_kick = symbols(ca.SX, q=n, v=n, effort=n, response=(n, 4), length=1, drift=1)
+    kick = Kick(*of_kick)
+    servo, added = symbols(ca.SX, servo=(n, 3), added_inertia=n)
     if with_servo:
         stiffness, target, damping = ca.horzsplit(servo)
-        implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
-    kick = Kick(*symbols, implicit=implicit)
-    arguments = [*symbols, servo, p]
+        implicit = ca.horzcat(stiffness * (target - kick.q), stiffness * kick.drift + damping)
+        kick = replace(kick, implicit=implicit)
+    arguments = [*of_kick, servo, p]
     moving = ca.Function(
         "substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds)))
     )
     closing = ca.Function(
         "last_kick", arguments, ca.cse([kick_and_drift(mechanism, kick, last=True)[1]])
     )
-    added = ca.SX.sym("added_inertia", n)
-    prepared = ca.Function(
-        "responses", [length, drift, added, p], [responses(mechanism, length, drift, added)]
-    )
+    step = kick.length, kick.drift, added
+    prepared = ca.Function("responses", [*step, p], [responses(mechanism, *step)])
 
-    q, v, effort, added = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "added_inertia"))
-    servo = ca.MX.sym("servo", n, 3)
-    dt = ca.MX.sym("dt")
-    p = ca.MX.sym("p", p.numel())
+    inputs = symbols(ca.MX, q=n, v=n, effort=n, added_inertia=n, servo=(n, 3), dt=1, p=p.numel())
+    q, v, effort, added, servo, dt, p = inputs
     h = dt / count
-    half = prepared(h / 2, h, added, p)
-    full = prepared(h, h, added, p)
-    q_next = q
-    v_next = v
-    for i in range(count):
-        first = i == 0
-        q_next, v_next = moving(
-            q_next, v_next, effort, half if first else full, h / 2 if first else h, h, servo, p
-        )
-    v_next = closing(q_next, v_next, effort, half, h / 2, h, servo, p)
-    return ca.Function(
-        "interval",
-        [q, v, effort, added, servo, dt, p],
-        [q_next, v_next],
-        ["q", "v", "effort", "added_inertia", "servo", "dt", "p"],
-        ["q_next", "v_next"],
-    )
+    half = prepared(h / 2, h, added, p), h / 2
+    full = prepared(h, h, added, p), h
+    for response, length in [half] + [full] * (count - 1):
+        q, v = moving(q, v, effort, response, length, h, servo, p)
+    v = closing(q, v, effort, *half, h, servo, p)
+    return ca.Function("interval", inputs, [q, v])

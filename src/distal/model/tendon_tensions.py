@@ -614,9 +614,9 @@ class Tendons:
         """Return the stiffness of a tendon against a fast motion of one end [N/m]. In a sheath with
         N points this is 2 N k, the stiffness of the stretch next to that end.
         """
-        path = self.rig.tendons[tendon].path
+        sheath = self.sheath(tendon)
         k = self.parameters[f"tendons.{tendon}.stiffness"]
-        return k if path is None or path.nodes == 0 else 2 * path.nodes * k
+        return k if sheath is None else 2 * sheath.count * k
 
     def _ends(self, tendon: int, q: Vector, elongated: Vector) -> tuple[Scalar, Scalar]:
         """Return the displacements of a cable's ends at the drive and at the joint [m], whose
@@ -641,14 +641,18 @@ class Tendons:
         nj = self.n_joints
         jacobian = self.length_jacobian(state.q)
         rates = ca.mtimes(jacobian, v)
-        taut: list[list[Scalar]] = []
-        for elastic in self._end_forces(state.q, state.inside[self._first_point :]):
-            taut.append([self._taut(force) for force in elastic])
-            for i in range(self.n_tendons):
-                if p.has(f"tendons.{i}.damping"):
-                    damped = elastic[i] + p[f"tendons.{i}.damping"] * rates[i]
-                    taut[-1][i] = ca.if_else(ca.logic_and(elastic[i] > 0, damped > 0), damped, 0)
-        joint, drive = (ca.vertcat(*tensions) for tensions in taut)
+
+        def tension(tendon: int, elastic: Scalar) -> Scalar:
+            path = f"tendons.{tendon}.damping"
+            if not p.has(path):
+                return self._taut(elastic)
+            damped = elastic + p[path] * rates[tendon]
+            return ca.if_else(ca.logic_and(elastic > 0, damped > 0), damped, 0)
+
+        joint, drive = (
+            ca.vertcat(*(tension(i, force) for i, force in enumerate(forces)))
+            for forces in self._end_forces(state.q, state.inside[self._first_point :])
+        )
         if all(self.sheath(i) is None for i in range(self.n_tendons)):
             return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
         forces = -ca.vertcat(

@@ -18,6 +18,7 @@ from distal.arrays import Floats
 from distal.expressions import Expression, ScalarNode, Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.kernels.layout import is_read, is_there, rows_left
+from distal.model import symbols
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
 WILD = 4.8916
@@ -27,6 +28,9 @@ it. Source: definition (probability 1e-6 of a normal value).
 
 NEVER_READ = 1e6
 """Age of a reading before its first value [s]. Source: definition (older than any reading)."""
+
+SCALES = ("centre", "scale", "play")
+"""Names of the numbers of a frame by which readings are scaled."""
 
 
 @dataclass(frozen=True)
@@ -138,15 +142,11 @@ def features_function(shape: Shape) -> ca.Function:
     Args:
         shape: of the features; `readings` are the sensors' and then the filter's angles.
     """
-    memory = ca.MX.sym("memory", shape.memory.size)
-    dt = ca.MX.sym("dt")
-    readings = ca.MX.sym("readings", shape.count)
-    mask = ca.MX.sym("mask", shape.channels)
-    frame = ca.MX.sym("frame", shape.frame.size)
+    sample = _sample(ca.MX, shape)
+    (frame,) = symbols(ca.MX, frame=shape.frame.size)
     parts = shape.frame.parts(frame)
-    z, slips, doubt, lags, after = _remembered(shape)(
-        memory, dt, readings, mask, parts["centre"], parts["scale"], parts["play"]
-    )
+    scales = (parts[name] for name in SCALES)
+    z, slips, doubt, lags, after = _remembered(shape)(*sample, *scales)
     inputs = z
     if shape.moving:
         begin = IN_RADIAL * shape.count
@@ -169,20 +169,22 @@ def features_function(shape: Shape) -> ca.Function:
         kernel=kernel,
         amplitude=amplitude,
     )
-    return ca.Function("features", [memory, dt, readings, mask, frame], [outputs, after])
+    return ca.Function("features", [*sample, frame], [outputs, after])
+
+
+def _sample(kind: type[Expression], shape: Shape) -> list[Expression]:
+    """Return the symbols memory, dt, readings and mask of a sample."""
+    return symbols(kind, memory=shape.memory.size, dt=1, readings=shape.count, mask=shape.channels)
 
 
 def _remembered(shape: Shape) -> ca.Function:
     """Return the function (memory, dt, readings, mask, centre, scale, play) → (z, slips, doubt,
     lags, memory⁺).
     """
-    memory = ca.SX.sym("memory", shape.memory.size)
-    dt = ca.SX.sym("dt")
-    readings = ca.SX.sym("readings", shape.count)
-    mask = ca.SX.sym("mask", shape.channels)
-    centre = ca.SX.sym("centre", shape.count)
-    scale = ca.SX.sym("scale", shape.count)
-    play = ca.SX.sym("play")
+    sample = _sample(ca.SX, shape)
+    memory, dt, readings, mask = sample
+    frame = symbols(ca.SX, centre=shape.count, scale=shape.count, play=1)
+    centre, scale, play = frame
     was = shape.memory.parts(memory)
     n = shape.channels
     # over a gap a position goes in a straight line to the reading that ends it
@@ -198,32 +200,32 @@ def _remembered(shape: Shape) -> ca.Function:
     age = ca.if_else(there[:n], 0, was["age"] + dt)
     # before the first sample, whose dt is 0, the filter has only its prior
     first = ca.vertcat(ca.SX.zeros(n, 1), ca.repmat(dt <= 0, shape.angles, 1))
-    slips, doubts, lows, highs = [], [], [], []
-    for k, usual in enumerate(HALF_WIDTHS):
-        half = play * usual
-        at = slice(k * shape.count, (k + 1) * shape.count)
-        low, high = (
-            ca.if_else(first, z + side, ca.fmin(ca.fmax(was[name][at], z - half), z + half))
-            for name, side in (("low", -half), ("high", half))
+
+    def each(values: Vector) -> Vector:
+        """Return each of some values once for every reading."""
+        return ca.vec(ca.repmat(values.T, shape.count, 1))
+
+    half = play * ca.DM(HALF_WIDTHS)
+    way = each(half)
+    many = ca.repmat(z, len(HALF_WIDTHS), 1)
+    low, high = (
+        ca.if_else(
+            ca.repmat(first, len(HALF_WIDTHS), 1),
+            many + side,
+            ca.fmin(ca.fmax(was[name], many - way), many + way),
         )
-        slips.append((z - (low + high) / 2) / half)
-        doubts.append((high - low) / (2 * half))
-        lows.append(low)
-        highs.append(high)
-    states = []
-    for k, constant in enumerate(TIME_CONSTANTS):
-        state = was["lags"][k * shape.count : (k + 1) * shape.count]
-        states.append(ca.if_else(first, z, state + (1 - ca.exp(-dt / constant)) * (z - state)))
-    after = shape.memory.joined(
-        last=centre + scale * z,
-        age=age,
-        low=ca.vertcat(*lows),
-        high=ca.vertcat(*highs),
-        lags=ca.vertcat(*states),
+        for name, side in (("low", -way), ("high", way))
     )
-    lags = ca.vertcat(*(z - state for state in states))
-    outputs = [z, ca.vertcat(*slips), ca.vertcat(*doubts), lags, after]
-    return ca.Function("remembered", [memory, dt, readings, mask, centre, scale, play], outputs)
+    slips = (many - (low + high) / 2) / way
+    doubts = (high - low) / each(2 * half)
+    share = each(1 - ca.exp(-dt / ca.DM(TIME_CONSTANTS)))
+    many = ca.repmat(z, len(TIME_CONSTANTS), 1)
+    lags = ca.if_else(
+        ca.repmat(first, len(TIME_CONSTANTS), 1), many, was["lags"] + share * (many - was["lags"])
+    )
+    after = shape.memory.joined(last=centre + scale * z, age=age, low=low, high=high, lags=lags)
+    outputs = [z, slips, doubts, many - lags, after]
+    return ca.Function("remembered", [*sample, *frame], outputs)
 
 
 @lru_cache(maxsize=32)
@@ -235,11 +237,9 @@ def first_function(shape: Shape) -> ca.Function:
     The readings are (count,), as are their centre and scale; the mask is of the sensors,
     (channels,).
     """
-    readings, centre, scale = (
-        ca.SX.sym(name, shape.count) for name in ("readings", "centre", "scale")
-    )
-    mask = ca.SX.sym("mask", shape.channels)
-    play = ca.SX.sym("play")
+    n = shape.count
+    inputs = symbols(ca.SX, readings=n, mask=shape.channels, centre=n, scale=n, play=1)
+    readings, mask, centre, scale, play = inputs
     is_there_or_angle = ca.vertcat(is_read(mask), ca.SX.ones(shape.angles))
     begun = ca.if_else(is_there_or_angle, readings, centre)
     z = (begun - centre) / scale
@@ -250,7 +250,7 @@ def first_function(shape: Shape) -> ca.Function:
         high=ca.vertcat(*(z + play * half for half in HALF_WIDTHS)),
         lags=ca.repmat(z, len(TIME_CONSTANTS), 1),
     )
-    return ca.Function("first", [readings, mask, centre, scale, play], [memory])
+    return ca.Function("first", inputs, [memory])
 
 
 @lru_cache(maxsize=32)
@@ -258,12 +258,12 @@ def features_kernel(shape: Shape) -> Kernel:
     """Return the kernel (memory, (dt, readings, mask), frame) → (memory⁺, outputs) of a map's
     features over a log.
     """
-    memory = ca.MX.sym("memory", shape.memory.size)
-    x = ca.MX.sym("x", 1 + shape.count + shape.channels)
-    frame = ca.MX.sym("frame", shape.frame.size)
+    row = 1 + shape.count + shape.channels
+    inputs = symbols(ca.MX, memory=shape.memory.size, x=row, frame=shape.frame.size)
+    memory, x, frame = inputs
     readings, mask = x[1 : 1 + shape.count], x[1 + shape.count :]
     outputs, after = features_function(shape)(memory, x[0], readings, mask, frame)
-    return Kernel(ca.Function("features", [memory, x, frame], [after, outputs]))
+    return Kernel(ca.Function("features", inputs, [after, outputs]))
 
 
 def features_along(
@@ -277,10 +277,8 @@ def features_along(
         readings: the sensors' readings, NaN where missing, and the filter's angles, (k, count).
     """
     is_present = np.isfinite(readings[:, : shape.channels])
-    centre = frame[shape.frame["centre"]]
-    scale = frame[shape.frame["scale"]]
-    play = frame[shape.frame["play"]]
-    first = first_function(shape)(np.nan_to_num(readings[0]), is_present[0], centre, scale, play)
+    scales = (frame[shape.frame[name]] for name in SCALES)
+    first = first_function(shape)(np.nan_to_num(readings[0]), is_present[0], *scales)
     rows = np.column_stack([np.diff(time, prepend=time[:1]), np.nan_to_num(readings), is_present])
     ys = advance(features_kernel(shape), Feed(np.array(first).ravel(), rows, frame), keep=[0]).ys
     return shape.outputs.views(ys)
@@ -288,15 +286,10 @@ def features_along(
 
 def empty_frame(shape: Shape) -> dict[str, Floats]:
     """Return the numbers of features that are not scaled yet and have no points."""
-    inputs = shape.count + len(shape.moving)
-    return {
-        "centre": np.zeros(shape.count),
-        "scale": np.ones(shape.count),
-        "play": np.ones(1),
-        "lengths": np.ones(inputs),
-        "points": np.zeros((shape.radial, inputs)),
-        "root": np.zeros((shape.radial, shape.radial)),
-    }
+    frame = shape.frame.views(np.zeros(shape.frame.size))
+    for name in ("scale", "play", "lengths"):
+        frame[name][:] = 1.0
+    return frame
 
 
 @lru_cache(maxsize=32)
@@ -328,8 +321,8 @@ def map_parameters(learned: LearnedMap) -> Floats:
 
 def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Expression:
     """Return the memory of a map before the first sample, by its `readings` and their `mask`."""
-    centre, scale, play = (learned.arrays[name] for name in ("centre", "scale", "play"))
-    memory: Expression = first_function(Shape.of(learned))(readings, mask, centre, scale, play)
+    scales = (learned.arrays[name] for name in SCALES)
+    memory: Expression = first_function(Shape.of(learned))(readings, mask, *scales)
     return memory
 
 
@@ -345,16 +338,11 @@ def map_function(shape: Shape, joints: int, beside_filter: bool = False) -> ca.F
     and for those with a variance beyond their noise, the `doubts`.
     An error e of the filter's own angle stays with the share `filter`, its gain.
     """
-    memory = ca.MX.sym("memory", shape.memory.size)
-    dt = ca.MX.sym("dt")
-    readings = ca.MX.sym("readings", shape.count)
-    mask = ca.MX.sym("mask", shape.channels)
     layout = map_layout(shape, joints)
-    parameters = ca.MX.sym("parameters", layout.size)
-    doubts, elsewhere = (ca.MX.sym(name, shape.channels) for name in ("doubts", "elsewhere"))
-    chance = ca.MX.sym("chance")
+    inputs = map_inputs(shape, joints)
+    memory, dt, readings, mask, parameters, doubts, elsewhere, chance = inputs
     of = layout.parts(parameters)
-    outputs, after = features_function(shape)(memory, dt, readings, mask, of["frame"])
+    outputs, after = features_function(shape)(*inputs[:4], of["frame"])
     out = shape.outputs.parts(outputs)
     phi = out["features"]
     frame = shape.frame.parts(of["frame"])
@@ -378,9 +366,16 @@ def map_function(shape: Shape, joints: int, beside_filter: bool = False) -> ca.F
         apart = ca.mtimes(of["mean"].T, shape.outputs.part(of_second, "features")) - values
         values += chance * apart
         spreads += chance * (1 - chance) * apart**2
-    results = [values, of["filter"], spreads, after]
-    inputs = [memory, dt, readings, mask, parameters, doubts, elsewhere, chance]
-    return ca.Function("map", inputs, results)
+    return ca.Function("map", inputs, [values, of["filter"], spreads, after])
+
+
+def map_inputs(shape: Shape, joints: int) -> list[VectorNode]:
+    """Return the symbols of the inputs of `map_function`."""
+    n = shape.channels
+    return [
+        *_sample(ca.MX, shape),
+        *symbols(ca.MX, parameters=map_layout(shape, joints).size, doubts=n, elsewhere=n, chance=1),
+    ]
 
 
 def forces_layout(shape: Shape, forces: int) -> Layout:
@@ -406,14 +401,11 @@ def forces_function(shape: Shape, forces: int) -> ca.Function:
     memory⁺): how unlike free motion the forces are at these positions, T² = eᵀ Σ⁻¹ e/n, and
     ln(det Σ/det Σ₀)/n, Σ₀ being that of settled plays: else it would be likeliest to know nothing.
     """
-    memory = ca.MX.sym("memory", shape.memory.size)
-    dt = ca.MX.sym("dt")
-    positions, mask = (ca.MX.sym(name, shape.channels) for name in ("positions", "mask"))
-    read = ca.MX.sym("forces", forces)
     layout = forces_layout(shape, forces)
-    parameters = ca.MX.sym("parameters", layout.size)
+    sample = _sample(ca.MX, shape)
+    read, parameters = symbols(ca.MX, forces=forces, parameters=layout.size)
     of = layout.parts(parameters)
-    outputs, after = features_function(shape)(memory, dt, positions, mask, of["frame"])
+    outputs, after = features_function(shape)(*sample, of["frame"])
     out = shape.outputs.parts(outputs)
     errors = []
     spreads = []
@@ -428,11 +420,8 @@ def forces_function(shape: Shape, forces: int) -> ca.Function:
         spreads.append(ca.log(wider))
         errors.append(error / (of["rms"][k] * ca.sqrt(wider)))
     square = ca.sumsqr(ca.mtimes(of["whitener"], ca.vertcat(*errors))) / forces
-    return ca.Function(
-        "forces",
-        [memory, dt, positions, mask, read, parameters],
-        [square, sum(spreads) / forces, after],
-    )
+    results = [square, sum(spreads) / forces, after]
+    return ca.Function("forces", [*sample, read, parameters], results)
 
 
 def whitening(correlation: Floats) -> Floats:
@@ -600,30 +589,21 @@ def variance_beside(
         frame: parts of `Shape.frame`.
         unknown: variances v of the scaled readings, (n_channels,).
     """
-    slopes, turns = _slopes(shape, mean, out, frame)
-    of_readings = ca.dot(slopes[: shape.channels] ** 2, unknown)
-    return ca.dot(turns, out["doubt"]) ** 2 / 3 + of_readings
-
-
-def _slopes(
-    shape: Shape, mean: VectorNode, out: dict[str, VectorNode], frame: dict[str, VectorNode]
-) -> tuple[VectorNode, VectorNode]:
-    """Return ∂y/∂z of each scaled reading, and |∂y/∂slip| of each play."""
     parts = shape.features.parts(mean)
     n = shape.count
-    slopes = parts["readings"]
+    slopes = parts["readings"]  # ∂y/∂z
     for k in range(len(TIME_CONSTANTS)):
         slopes = slopes + parts["lags"][k * n : (k + 1) * n]
-    turns = ca.fabs(parts["slips"])
-    if not shape.radial:
-        return slopes, turns
-    pull = ca.mtimes(frame["root"].T, parts["radial"]) * out["kernel"] * out["amplitude"]
-    towards = ca.mtimes(frame["points"].T, pull) - out["inputs"] * ca.sum1(pull)
-    towards = towards / frame["lengths"]
-    slopes = slopes + towards[:n]
-    if shape.moving:
-        into = ca.DM(n * len(HALF_WIDTHS), len(shape.moving))
-        for k, i in enumerate(shape.moving):
-            into[IN_RADIAL * n + i, k] = 1
-        turns = turns + ca.mtimes(ca.densify(into), ca.fabs(towards[n:]))
-    return slopes, turns
+    turns = ca.fabs(parts["slips"])  # |∂y/∂slip|
+    if shape.radial:
+        pull = ca.mtimes(frame["root"].T, parts["radial"]) * out["kernel"] * out["amplitude"]
+        towards = ca.mtimes(frame["points"].T, pull) - out["inputs"] * ca.sum1(pull)
+        towards = towards / frame["lengths"]
+        slopes = slopes + towards[:n]
+        if shape.moving:
+            into = ca.DM(n * len(HALF_WIDTHS), len(shape.moving))
+            for k, i in enumerate(shape.moving):
+                into[IN_RADIAL * n + i, k] = 1
+            turns = turns + ca.mtimes(ca.densify(into), ca.fabs(towards[n:]))
+    of_readings = ca.dot(slopes[: shape.channels] ** 2, unknown)
+    return ca.dot(turns, out["doubt"]) ** 2 / 3 + of_readings

@@ -13,9 +13,10 @@ Learned maps of a log in which targets are known for a while, such as in a homin
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
+from typing import Any, TypeAlias, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -69,8 +70,7 @@ class Samples:
 
     def part(self, rows: Bools) -> Samples:
         """Return the samples that a mask `rows`, (k,), holds."""
-        names = ("time", "readings", "angles", "targets", "variances")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return _part(self, rows)
 
 
 @cache
@@ -188,8 +188,19 @@ class Evidence:
 
     def rows(self, rows: Bools) -> Evidence:
         """Return the samples in a mask."""
-        names = ("phi", "doubt", "far", "target", "filter", "time", "given")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return _part(self, rows)
+
+
+SampleData = TypeVar("SampleData", Samples, Evidence)
+
+
+def _part(data: SampleData, rows: Bools) -> SampleData:
+    """Return a dataclass with the `rows`, (k,), of each of its arrays."""
+    every = {part.name: getattr(data, part.name) for part in fields(data)}
+    arrays: dict[str, Any] = {
+        name: part[rows] for name, part in every.items() if isinstance(part, np.ndarray)
+    }
+    return replace(data, **arrays)
 
 
 @dataclass(frozen=True)
@@ -302,10 +313,8 @@ def _noise(prior: Prior, spacing: float) -> float:
 
 def _variances(shape: Shape, prior: Prior) -> tuple[Floats, Floats]:
     """Return the prior variances of the weights, and of those that each log draws anew."""
-    sizes = {
-        name: np.ravel(shape.features.view(np.arange(shape.features.size), name)).size
-        for name in shape.features.names
-    }
+    features = shape.features
+    sizes = {name: len(np.arange(features.size)[features[name]]) for name in features.names}
     stds = [CONSTANT_STD, *np.exp([prior.readings, prior.slips, prior.lags, prior.radial])]
     shared = np.repeat(np.square(stds), list(sizes.values()))
     of_log = np.repeat(
@@ -315,12 +324,12 @@ def _variances(shape: Shape, prior: Prior) -> tuple[Floats, Floats]:
     return shared, of_log
 
 
-def shape_for(log: Samples, described: Mapping[str, tuple[str, ...]], radial: int) -> Shape:
-    """Return the shape of a map with so many `radial` functions that logs like this one teach.
+Described: TypeAlias = Mapping[str, tuple[str, ...]]
+"""The fields of a `LearnedMap` that say what it speaks of and reads."""
 
-    Args:
-        described: the fields of the `LearnedMap` that say which of its channels are positions.
-    """
+
+def shape_for(log: Samples, described: Described, radial: int) -> Shape:
+    """Return the shape of a map with so many `radial` functions that logs like this one teach."""
     channels, angles = log.readings.shape[1], log.angles.shape[1]
     moving = [described["channels"].index(name) for name in described["positions"]]
     return Shape(channels, angles, (*moving, *range(channels, channels + angles)), radial)
@@ -404,9 +413,7 @@ def evidence_of(
     )
 
 
-def from_prior(
-    log: Samples, described: Mapping[str, tuple[str, ...]], offsets: Mapping[str, float]
-) -> LearnedMap:
+def from_prior(log: Samples, described: Described, offsets: Mapping[str, float]) -> LearnedMap:
     """Return the map before anything is known of its weights: those of the prior, with the scales
     of some samples of a log and of what is known of the targets in them, and without radial
     functions; see `learned_map` for what it is `described` by, and `given` for the `offsets`.
@@ -460,10 +467,7 @@ SMALLEST_SPREAD = float(np.deg2rad(0.1))
 
 
 def from_window(
-    log: Samples,
-    described: Mapping[str, tuple[str, ...]],
-    known: Bools,
-    offsets: Mapping[str, float],
+    log: Samples, described: Described, known: Bools, offsets: Mapping[str, float]
 ) -> LearnedMap:
     """Return the map of a log whose targets are known at some samples, where no other log taught
     any: `given` these, `from_prior`. Its band is widened until it holds the errors on each half of
@@ -474,12 +478,10 @@ def from_window(
         known: mask of these samples, (k,).
         offsets: see `given`.
     """
-    samples = replace(log, targets=np.where(known[:, None], log.targets, np.nan))
     before = from_prior(log.part(known), described, offsets)
     after = []
     factors = []
-    for joint, (weights, evidence) in zip(before.joints, _as_weights(before, samples)):
-        offset = offsets.get(joint, 0.0) ** 2
+    for weights, evidence, offset in _as_weights(before, log, known, offsets):
         if before.beside_filter:
             share = weights.likeliest_share(evidence, offset)
             weights = replace(weights, covariance=share * weights.covariance)
@@ -524,23 +526,21 @@ def given(
         known: mask of these samples, (k,).
         offsets: joint → std of a constant error of what is known, 0 where it is not named.
     """
-    samples = replace(log, targets=np.where(known[:, None], log.targets, np.nan))
-    after = [
-        weights.given(evidence, offsets.get(joint, 0.0) ** 2)
-        for joint, (weights, evidence) in zip(learned.joints, _as_weights(learned, samples))
-    ]
-    return _with_weights(learned, after)
+    every = _as_weights(learned, log, known, offsets)
+    return _with_weights(learned, [weights.given(told, offset) for weights, told, offset in every])
 
 
-def _as_weights(learned: LearnedMap, log: Samples) -> list[tuple[Weights, Evidence]]:
-    """Return the weights of each joint of a map, with targets in SI and the factor on the band in
-    them, and a log as it sees it.
+def _as_weights(
+    learned: LearnedMap, log: Samples, known: Bools, offsets: Mapping[str, float]
+) -> Iterator[tuple[Weights, Evidence, float]]:
+    """Yield the weights of each joint of a map, with targets in SI and the factor on the band in
+    them, a log as it sees it where targets are `known`, and the variance of their offset.
     """
     arrays = learned.arrays
     shape = Shape.of(learned)
     along = features_along(shape, shape.flat(arrays.by_name), log.time, log.every)
-    pairs = []
-    for j in range(len(learned.joints)):
+    samples = replace(log, targets=np.where(known[:, None], log.targets, np.nan))
+    for j, joint in enumerate(learned.joints):
         prior = Prior(
             radial=float(np.log(arrays["radial"][j] + 1e-300) / 2),
             noise=float(np.log(arrays["noise"][j]) / 2),
@@ -548,5 +548,5 @@ def _as_weights(learned: LearnedMap, log: Samples) -> list[tuple[Weights, Eviden
             filter=float(np.log(arrays["filter"][j] + 1e-300)),
         )
         weights = Weights(shape, prior, arrays["mean"][j], arrays["covariance"][j])
-        pairs.append((weights, evidence_of(log, along, j, 1.0, 0.0, None)))
-    return pairs
+        evidence = evidence_of(samples, along, j, 1.0, 0.0, None)
+        yield weights, evidence, offsets.get(joint, 0.0) ** 2

@@ -15,6 +15,7 @@ import casadi as ca
 from distal.expressions import VectorNode
 from distal.kernels import Layout
 from distal.kernels.layout import is_read
+from distal.model import symbols
 from distal.regression.features import (
     JudgedJumps,
     Shape,
@@ -22,6 +23,7 @@ from distal.regression.features import (
     evidence_of_jumps,
     features_function,
     map_function,
+    map_inputs,
     map_layout,
 )
 from distal.rig import LearnedMap
@@ -42,10 +44,10 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
     """Return the function (memory of the map, its parameters, std of the constant error) → memory
     before the first sample.
     """
-    begun = ca.MX.sym("begun", shape.memory.size)
-    parameters = ca.MX.sym("parameters", map_layout(shape, joints).size)
-    std = ca.MX.sym("std")
-    of = map_layout(shape, joints).parts(parameters)
+    of_map = map_layout(shape, joints)
+    inputs = symbols(ca.MX, begun=shape.memory.size, parameters=of_map.size, std=1)
+    begun, parameters, std = inputs
+    of = of_map.parts(parameters)
     n = shape.features.size
     below = ca.MX.zeros(1, n)
     covariances = {
@@ -56,7 +58,7 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
     memory = homed_layout(shape, joints).joined(
         map=begun, since=ca.MX.zeros(joints), told=ca.MX.zeros(joints), mean=mean, **covariances
     )
-    return ca.Function("homed", [begun, parameters, std], [memory])
+    return ca.Function("homed", inputs, [memory])
 
 
 @lru_cache(maxsize=32)
@@ -79,17 +81,14 @@ def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Functio
             where that is known, and `beside` the variance of the filter's own angle.
     """
     layout = homed_layout(shape, joints)
-    memory = ca.MX.sym("memory", layout.size)
-    dt = ca.MX.sym("dt")
-    readings = ca.MX.sym("readings", shape.count)
-    mask = ca.MX.sym("mask", shape.channels)
-    parameters = ca.MX.sym("parameters", map_layout(shape, joints).size)
-    doubts, elsewhere = (ca.MX.sym(name, shape.channels) for name in ("doubts", "elsewhere"))
-    chance = ca.MX.sym("chance")
-    targets, is_given, beside = (ca.MX.sym(name, joints) for name in ("targets", "given", "beside"))
+    _, dt, readings, mask, parameters, *jumps = map_inputs(shape, joints)
+    sample = [dt, readings, mask]
+    (memory,) = symbols(ca.MX, memory=layout.size)
+    known = symbols(ca.MX, targets=joints, given=joints, beside=joints)
+    targets, is_given, beside = known
     was = layout.parts(memory)
     of = map_layout(shape, joints).parts(parameters)
-    outputs, _ = features_function(shape)(was["map"], dt, readings, mask, of["frame"])
+    outputs, _ = features_function(shape)(was["map"], *sample, of["frame"])
     out = shape.outputs.parts(outputs)
     phi = ca.vertcat(out["features"], 1)
     slips = shape.features["slips"]
@@ -117,7 +116,7 @@ def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Functio
     weights = {name: covariance[:n, :n] for name, covariance in covariances.items()}
     with_weights = map_layout(shape, joints).joined(**{**of, "mean": mean[:n, :], **weights})
     values, gains, variances, after = map_function(shape, joints, beside_filter)(
-        was["map"], dt, readings, mask, with_weights, doubts, elsewhere, chance
+        was["map"], *sample, with_weights, *jumps
     )
     following = layout.joined(
         map=after,
@@ -126,23 +125,8 @@ def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Functio
         mean=mean,
         **covariances,
     )
-    return ca.Function(
-        "homed_map",
-        [
-            memory,
-            dt,
-            readings,
-            mask,
-            parameters,
-            doubts,
-            elsewhere,
-            chance,
-            targets,
-            is_given,
-            beside,
-        ],
-        [values, gains, variances, following],
-    )
+    inputs = [memory, *sample, parameters, *jumps, *known]
+    return ca.Function("homed_map", inputs, [values, gains, variances, following])
 
 
 SHORTEST_INTERVAL = 1e-9
@@ -229,11 +213,15 @@ def reporting_function(
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
-    sizes = [*(placed.size for placed in maps), *(judge.memory.size for judge in judges)]
-    sizes_of_p = [*(placed.parameters for placed in maps), *(judge.parameters for judge in judges)]
-    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(sizes))
-    x = ca.MX.sym("x", inner.size1_in(1))
-    p = ca.MX.sym("p", n_parameters + sum(sizes_of_p))
+    of_judges = sum(judge.memory.size for judge in judges)
+    numbers_of_judges = sum(judge.parameters for judge in judges)
+    inputs = symbols(
+        ca.MX,
+        kernel_state=n_kernel_state + sum(placed.size for placed in maps) + of_judges,
+        x=inner.size1_in(1),
+        p=n_parameters + sum(placed.parameters for placed in maps) + numbers_of_judges,
+    )
+    kernel_state, x, p = inputs
     width = (x.numel() - 1) // 2
     read = ca.MX(x)
     for home in {home for placed in maps for home in placed.homes}:
@@ -257,51 +245,45 @@ def reporting_function(
     # what the logs taught of the filter's errors holds neither in a touch nor after a jump
     opened = reduce(ca.fmax, (following[at] for at in touched), 4 * chance * (1 - chance))
     for placed in maps:
-        inputs: list[VectorNode] = [
-            readings[i]
-            if positions[i] is None or not placed.learned.beside_filter
-            else following[positions[i]]
-            for i in placed.channels
+        channels, states, homes = map(list, (placed.channels, placed.states, placed.homes))
+        beside_filter = placed.learned.beside_filter
+        read_by_map: list[VectorNode] = [
+            readings[i] if positions[i] is None or not beside_filter else following[positions[i]]
+            for i in channels
         ]
-        angles = following[list(placed.states)]
+        angles = following[states]
+        of_filter = following[[variances[i] for i in states]]
         if placed.shape.angles:
-            inputs.append(angles)
-        mask = (x[1 + width :] if placed.learned.beside_filter else masks)[list(placed.channels)]
-        memory = kernel_state[at : at + placed.size]
-        parameters = p[number : number + placed.parameters]
-        of_doubt = doubts[list(placed.channels)]
+            read_by_map.append(angles)
         arguments = [
-            memory,
+            kernel_state[at : at + placed.size],
             x[0],
-            ca.vertcat(*inputs),
-            mask,
-            parameters,
-            of_doubt,
-            elsewhere[list(placed.channels)],
+            ca.vertcat(*read_by_map),
+            (x[1 + width :] if beside_filter else masks)[channels],
+            p[number : number + placed.parameters],
+            doubts[channels],
+            elsewhere[channels],
             chance,
         ]
-        if placed.homes:
-            homes = list(placed.homes)
+        function = map_function
+        if homes:
+            function = homed_function
             given = x[[1 + i for i in homes]]
             is_given = is_read(x[[1 + width + i for i in homes]])
-            beside = ca.MX.zeros(len(homes))
-            if placed.learned.beside_filter:
-                given = given - angles
-                beside = following[[variances[i] for i in placed.states]]
-            function = homed_function(placed.shape, placed.joints, placed.learned.beside_filter)
-            values, gains, spreads, after = function(*arguments, given, is_given, beside)
-        else:
-            values, gains, spreads, after = map_function(
-                placed.shape, placed.joints, placed.learned.beside_filter
-            )(*arguments)
-        if placed.learned.beside_filter:
+            if beside_filter:
+                arguments += [given - angles, is_given, of_filter]
+            else:
+                arguments += [given, is_given, ca.MX.zeros(len(homes))]
+        values, gains, spreads, after = function(placed.shape, placed.joints, beside_filter)(
+            *arguments
+        )
+        if beside_filter:
             # while touched, nobody knows whether the map still holds
-            spreads = spreads + opened * values**2 + of_joints[list(placed.states)]
+            spreads = spreads + opened * values**2 + of_joints[states]
             gains = (1 - opened) * gains + opened
             values = angles + values
         else:
-            gains = ca.MX.zeros(len(placed.states))
-        of_filter = following[[variances[i] for i in placed.states]]
+            gains = ca.MX.zeros(len(states))
         variance = gains**2 * of_filter + spreads
         answers.setdefault(placed.states, []).append((values, gains, spreads, variance))
         memories.append(after)
@@ -315,11 +297,8 @@ def reporting_function(
     for k, index in enumerate(evidence):
         following[index] = added(following[index], ratios[k])
     reports = [part for of_states in answers.values() for part in _pooled(opened, *of_states)]
-    return ca.Function(
-        "reporting",
-        [kernel_state, x, p],
-        [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
-    )
+    outputs = [ca.vertcat(following, *memories), ca.vertcat(y, *reports)]
+    return ca.Function("reporting", inputs, outputs)
 
 
 def _pooled(

@@ -31,6 +31,7 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
+from distal.model import dense_function, symbols
 from distal.regression import MOST_EVIDENCE, added
 from distal.rig import Rig, Sensor
 from distal.sensor_errors import variance
@@ -133,15 +134,14 @@ class Tracks(Generic[Expression]):
 
     def __getitem__(self, drive: int) -> Drive:
         """Return what is known of one drive."""
-        return Drive(*(self.vector[i] for i in self._indices(drive)))
+        of = self.of(drive)
+        return Drive(*(of[k] for k in range(len(TRACKED))))
 
     def of(self, drive: int) -> Expression:
         """Return what is known of one drive as a vector, in the order of `TRACKED`."""
-        return self.vector[self._indices(drive)]
-
-    def _indices(self, drive: int) -> list[int]:
         behind = MEMORY * self._n + drive
-        return [*range(MEMORY * drive, MEMORY * (drive + 1)), behind, behind + self._n]
+        indices = [*range(MEMORY * drive, MEMORY * (drive + 1)), behind, behind + self._n]
+        return self.vector[indices]
 
     @property
     def positions(self) -> list[Expression]:
@@ -172,21 +172,19 @@ def tracking(states: StateVector) -> ca.Function:
     """
     context = states.context
     n = context.n_drives
-    p = ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
-    mean = ca.MX.sym("mean", len(states))
-    memory = ca.MX.sym("memory", MEMORY * n)
-    x = ca.MX.sym("x", context.width)
-    readings = ca.horzsplit(_readings(states)(mean, memory, x, p))
+    parameters = len(context.mechanism.parameters)
+    inputs = symbols(ca.MX, mean=len(states), memory=MEMORY * n, x=context.width, p=parameters)
+    _, memory, x, _ = inputs
+    readings = ca.horzsplit(_readings(states)(*inputs))
     drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
         if context.position_sensor(i) is not None:
-            judged = _judged(context, i)
-            track = track_function(context.robustness, judged)
-            memory_of_drive = memory[MEMORY * i : MEMORY * (i + 1)]
-            drives[i] = track(memory_of_drive, readings[i], x[0], faded(x[0]))
+            track = track_function(context.robustness, _judged(context, i))
+            remembered = memory[MEMORY * i : MEMORY * (i + 1)]
+            drives[i] = track(remembered, readings[i], x[0], faded(x[0]))
     bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
     vector = ca.vertcat(*(drive[:MEMORY] for drive in drives), *bends, *variances)
-    return ca.Function("track", [mean, memory, x, p], [vector])
+    return ca.Function("track", inputs, [vector])
 
 
 READING = Layout(
@@ -230,11 +228,9 @@ def _readings(states: StateVector) -> ca.Function:
     """
     context = states.context
     n = context.n_drives
-    p = context.mechanism.parameters.symbols
     nj = context.n_joints
-    mean = ca.SX.sym("mean", len(states))
-    memory = ca.SX.sym("memory", MEMORY * n)
-    x = ca.SX.sym("x", context.width)
+    inputs = symbols(ca.SX, mean=len(states), memory=MEMORY * n, x=context.width)
+    mean, memory, x = inputs
     led = [
         memory[remembered_position(i, "position")] + memory[remembered_position(i, "speed")] * x[0]
         for i in range(n)
@@ -257,7 +253,7 @@ def _readings(states: StateVector) -> ca.Function:
             reading = position + (reading - position) * (1 - ca.exp(-x[0] / lag))
         rate = context.number(f"{context.path(sensor)}.rate")
         dead = ca.fmax(context.robustness.dead_time, DEAD_INTERVALS / rate)
-        wandering = UNKNOWN_POSITION[context.mechanism.rig.drives[i].kind] / WANDERING
+        wandering = UNKNOWN_POSITION[context.rig.drives[i].kind] / WANDERING
         usual = [context.number(f"{context.path(sensor)}.{name}") for name in USUAL]
         table[: 5 + len(usual), i] = ca.vertcat(
             reading, context.mask(x, sensor), context.noise(sensor), dead, wandering, *usual
@@ -273,7 +269,7 @@ def _readings(states: StateVector) -> ca.Function:
             stiffness, shown = (
                 context.number(f"drives.{i}.{name}") for name in ("held_stiffness", "shown_share")
             )
-            alone = len(context.mechanism.rig.tendons_of(context.mechanism.rig.drive_names[i])) == 1
+            alone = len(context.mechanism.pulled_by(nj + i)) == 1
             table[5 + len(USUAL) :, i] = ca.vertcat(
                 effort - pull,
                 context.mask(x, force),
@@ -283,7 +279,8 @@ def _readings(states: StateVector) -> ca.Function:
                 spread,
                 effort,
             )
-    return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
+    arguments = [*inputs, context.mechanism.parameters.symbols]
+    return dense_function("readings", arguments, [table])
 
 
 def _unlikely(position: Scalar, centre: Scalar, scale: Scalar) -> Scalar:
@@ -316,10 +313,8 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         robustness: the guards.
         judged: whether the drive's force can tell a real jump from a wild reading.
     """
-    memory = ca.SX.sym("memory", MEMORY)
-    readings = ca.SX.sym("readings", READING.size)
-    dt = ca.SX.sym("dt")
-    fade = ca.SX.sym("fade")
+    inputs = symbols(ca.SX, memory=MEMORY, readings=READING.size, dt=1, fade=1)
+    memory, readings, dt, fade = inputs
     position, doubt, speed, square, unknown, lost, shift, was_real, evidence, effort, repeats = (
         ca.vertsplit(memory)
     )
@@ -411,8 +406,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
-    parts = ca.vertcat(*vars(drive).values())
-    return ca.Function("drive", [memory, readings, dt, fade], [ca.cse(ca.densify(parts))])
+    return dense_function("drive", inputs, [ca.vertcat(*vars(drive).values())])
 
 
 JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)

@@ -13,7 +13,14 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.adaptive.drive_tracking import MEMORY, branches, remembered_position
+from distal.estimators.adaptive.drive_tracking import (
+    MEMORY,
+    REMEMBERED,
+    begun_alone,
+    branches,
+    either_variance,
+    remembered_position,
+)
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
@@ -25,6 +32,7 @@ from distal.estimators.estimator_protocol import (
     KernelEstimator,
     Report,
     channels_of,
+    sensor_for,
 )
 from distal.estimators.kinematic import directions
 from distal.expressions import Scalar, Vector
@@ -50,143 +58,38 @@ is missing.
 """
 
 
-def prior_function(
-    states: StateVector,
-    maps: Sequence[ReportedMap],
-    judges: Sequence[JudgedJumps],
-    readings: Sequence[tuple[LearnedMap, Sequence[int]]],
-    positions: Sequence[int | None],
-    inputs: int,
-    home_std: float | None = None,
-) -> ca.Function:
-    """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
-    first sample.
-
-    Drives are at rest at the positions of the first sample; the effort that a play transmits is the
-    first reading of its drive's effort.
-
-    The angles are those of the maps on readings alone, where these are more certain than the rig.
-
-    Args:
-        maps: each map that is reported.
-        readings: each map on readings alone, with the joints that it speaks of.
-        positions: for each channel the index in the kernel state of its drive's position, None for
-            readings used as they are.
-        inputs: length of p.
-        home_std: std of the angles at which joints are known to stand [rad], if they ever are.
-    """
-    context = states.context
-    names = context.channels.names
-    values = ca.SX.sym("values", len(names))
-    is_present = ca.SX.sym("mask", len(names))
-    sensors = {sensor.name: sensor for sensor in context.mechanism.rig.sensors}
-    credible = (context.credible(sensors[name], values[k]) for k, name in enumerate(names))
-    mask = ca.vertcat(*(is_present[k] * is_credible for k, is_credible in enumerate(credible)))
-
-    def is_there(sensor: Sensor) -> Scalar:
-        return is_read(mask[names.index(sensor.name)])
-
-    def read(sensor: Sensor, otherwise: Scalar) -> Scalar:
-        value = context.corrected(sensor, values[names.index(sensor.name)])
-        return ca.if_else(is_there(sensor), value, otherwise)
-
-    means, stds = states.prior()
-    mean = ca.SX(means)
-    variances = ca.SX(stds**2)
-    memory = _memory(context, read, is_there)
-    for i in range(context.n_drives):
-        effort = context.force_sensor(i)
-        at = states.transmitted(i)
-        if at is not None and effort is not None:
-            mean[at] = read(effort, mean[at])
-    begin = _begin(context, read)
-    for at, state in enumerate(states.states):
-        if state.first is not None:
-            mean[at], std = state.first(begin)
-            variances[at] = std**2
-    # maps beside the filter read the positions of drives as it has them, without a known offset
-    placed = (
-        values[k] if at is None else context.corrected(sensors[names[k]], values[k])
-        for k, at in enumerate(positions)
-    )
-    symbols = context.mechanism.parameters.symbols
-    p = ca.SX.sym("p", inputs)
-    outputs = [mean, variances, memory, ca.vertcat(*placed, values[len(positions) :])]
-    outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
-    plain = ca.Function("plain", [values, is_present, p], outputs)
-    return _with_maps(plain, maps, judges, readings, names, home_std)
-
-
-def _with_maps(
-    plain: ca.Function,
-    maps: Sequence[ReportedMap],
-    judges: Sequence[JudgedJumps],
-    readings: Sequence[tuple[LearnedMap, Sequence[int]]],
-    names: Sequence[str],
-    home_std: float | None,
-) -> ca.Function:
-    """Return the function `plain` with the start by maps, and with the memories of maps."""
-    values, is_present, p = (ca.MX.sym(n, plain.numel_in(i)) for i, n in enumerate("vmp"))
-    mean, variances, memory, tracked = plain(values, is_present, p)
-    for learned, joints in readings:
-        columns = [list(names).index(name) for name in learned.channels]
-        read = values[columns], is_present[columns]
-        function = map_function(Shape.of(learned), len(learned.joints))
-        begun = begun_by(learned, *read)
-        angles, _, spreads, _ = function(begun, 0, *read, map_parameters(learned), 0, read[0], 0)
-        for k, joint in enumerate(joints):
-            better = spreads[k] < variances[joint]
-            mean[joint] = ca.if_else(better, angles[k], mean[joint])
-            variances[joint] = ca.if_else(better, spreads[k], variances[joint])
-    sizes_of_p = [*(placed.parameters for placed in maps), *(judge.parameters for judge in judges)]
-    number = p.numel() - sum(sizes_of_p)
-    for placed in maps:
-        columns = list(placed.channels)
-        of = (tracked if placed.learned.beside_filter else values)[columns]
-        if placed.learned.beside_filter:
-            of = ca.vertcat(of, mean[list(placed.states)])
-        begun = begun_by(placed.learned, of, is_present[columns])
-        if placed.homes:
-            parameters = p[number : number + placed.parameters]
-            begun = homed_memory(placed.shape, placed.joints)(begun, parameters, home_std)
-        memory = ca.vertcat(memory, begun)
-        number += placed.parameters
-    for judge in judges:
-        at = list(judge.positions)
-        memory = ca.vertcat(memory, judge.begun(values[at], is_present[at]))
-    return ca.Function("prior", [values, is_present, p], [mean, variances, memory])
+def _with_parameters(context: FilterContext, outputs: list[Vector], p: Vector) -> list[Vector]:
+    """Return expressions with the first of the filter's inputs p in place of the parameters."""
+    parameters = context.mechanism.parameters.symbols
+    return list(ca.substitute(outputs, [parameters], [p[: parameters.numel()]]))
 
 
 def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
     """Return what is remembered of the drives and their forces at the first sample; the position of
     a drive is unknown where `is_there` is 0.
     """
-    lengths = touch_layout(context)
-    memory = ca.SX.zeros(MEMORY * context.n_drives)
-    for i, drive in enumerate(context.mechanism.rig.drives):
+    memories = []
+    for i, drive in enumerate(context.rig.drives):
         position = context.position_sensor(i)
         effort = context.force_sensor(i)
+        memory = ca.SX.zeros(MEMORY)
         if position is not None:
             unknown = UNKNOWN_POSITION[drive.kind] ** 2
-            memory[remembered_position(i, "position")] = read(position, 0.0)
-            memory[remembered_position(i, "real")] = 1
-            memory[remembered_position(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
+            memory = begun_alone(read(position, 0.0), is_there(position), unknown)
         if effort is not None:
-            memory[remembered_position(i, "effort")] = read(effort, 0.0)
-    forces, evidence, torques = (
-        ca.SX.zeros(lengths[name]) for name in ("forces", "evidence", "torques")
-    )
-    return ca.vertcat(memory, forces, evidence, torques)
+            memory[REMEMBERED.index("effort")] = read(effort, 0.0)
+        memories.append(memory)
+    return ca.vertcat(*memories, ca.SX.zeros(sum(touch_layout(context).values())))
 
 
 def _begin(context: FilterContext, read: Read) -> Begin:
     """Return the readings of the first sample; `read` gives a sensor's value, or its second
     argument where that is missing.
     """
-    cells = {sensor.of: sensor for sensor in context.channels.tensions}
     positions = [context.position_sensor(i) for i in range(context.n_drives)]
     forces = [context.force_sensor(i) for i in range(context.n_drives)]
-    tensions = [cells.get(name) for name in context.mechanism.rig.tendon_names]
+    tendons = context.rig.tendon_names
+    tensions = [sensor_for(context.channels.tensions, name) for name in tendons]
     starts, efforts, pulls = (
         [None if sensor is None else read(sensor, 0.0) for sensor in sensors]
         for sensors in (positions, forces, tensions)
@@ -305,7 +208,7 @@ class AdaptiveFilter(KernelEstimator):
         """Each map that is reported."""
         context = self.states.context
         names = context.channels.names
-        joints = context.mechanism.rig.joint_names
+        joints = context.rig.joint_names
         homes = {sensor.of: names.index(sensor.name) for sensor in context.channels.angles}
         reported = []
         for learned in self._reporting_maps:
@@ -323,12 +226,6 @@ class AdaptiveFilter(KernelEstimator):
         n = len(self.states.names)
         shares = tuple(self._of_torques("share"))
         variances = [n + i * (n + 1) for i in range(self.states.context.n_joints)]
-        begin = adaptive_layout(self.states)["drives"].start
-        drives = self.states.context.mechanism.rig.drive_names
-        evidence = [
-            begin + remembered_position(drives.index(sensor.of), "evidence")
-            for sensor in self.states.context.channels.positions
-        ]
         return reporting_function(
             function,
             self._reported,
@@ -337,7 +234,7 @@ class AdaptiveFilter(KernelEstimator):
             shares,
             self._tracked(function),
             self._judges,
-            evidence,
+            self._of_positions("evidence"),
         )
 
     @property
@@ -351,15 +248,14 @@ class AdaptiveFilter(KernelEstimator):
         should read them, and their variances beyond noise; and whether each channel is believed.
         """
         context = self.states.context
-        drives = context.mechanism.rig.drive_names
-        begin = adaptive_layout(self.states)["drives"].start
-        state, p = (ca.SX.sym(name, function.size1_in(k)) for name, k in (("state", 0), ("p", 2)))
+        drives = context.rig.drive_names
+        state, _, p = function.sx_in()
         columns = []
         either = dict[int, Scalar]()
         chance = ca.SX(0)
         believed = ca.SX.ones(len(context.channels.names))
-        for k, sensor in enumerate(context.channels.positions):
-            at = begin + MEMORY * drives.index(sensor.of)
+        begin = self._of_positions(REMEMBERED[0])
+        for k, (sensor, at) in enumerate(zip(context.channels.positions, begin)):
             branch = branches(state[at : at + MEMORY])
             offset = context.corrected(sensor, ca.SX(0))
             gain = context.corrected(sensor, ca.SX(1)) - offset
@@ -367,9 +263,8 @@ class AdaptiveFilter(KernelEstimator):
             columns.append((*placed, branch["variance"] / gain**2))
             believed[context.channels.of_message(k)] = branch["believed"]
             chance = ca.fmax(chance, branch["chance"])
-            either[drives.index(sensor.of)] = (
-                branch["chance"] * (1 - branch["chance"]) * (branch["real"] - branch["off"]) ** 2
-            )
+            shift = branch["real"] - branch["off"]
+            either[drives.index(sensor.of)] = either_variance(branch["chance"], shift)
         placed, second, variances = (ca.vertcat(*rows) for rows in zip(*columns))
         spreads = [
             sum(
@@ -380,28 +275,89 @@ class AdaptiveFilter(KernelEstimator):
         ]
         of_joints = ca.mtimes(context.mechanism.spread**2, ca.vertcat(*spreads))  # (31)
         outputs = [placed, second, chance, variances, believed, of_joints]
-        symbols = context.mechanism.parameters.symbols
-        outputs = ca.substitute(outputs, [symbols], [p[: symbols.numel()]])
-        return ca.Function("tracked", [state, p], outputs)
+        return ca.Function("tracked", [state, p], _with_parameters(context, outputs, p))
 
     def prior_function(self) -> ca.Function:
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
         first sample.
+
+        Drives are at rest at the positions of the first sample; the effort that a play transmits is
+        the first reading of its drive's effort. The angles are those of the maps on readings alone,
+        where these are more certain than the rig.
         """
-        joints = self.rig.joint_names
-        readings = [
-            (learned, [joints.index(joint) for joint in learned.joints])
-            for learned in self.maps.readings
-        ]
-        return prior_function(
-            self.states,
-            self._reported,
-            self._judges,
-            readings,
-            self.positions,
-            len(self._p),
-            self._home_std,
+        states = self.states
+        context = states.context
+        channels = context.channels
+        inputs = self._first_sample()
+        values, is_present, p = inputs
+        credible = (
+            is_present[k] * context.credible(sensor, values[k])
+            for k, sensor in enumerate((*channels.proximal, *channels.angles))
         )
+        mask = ca.vertcat(*credible)
+
+        def is_there(sensor: Sensor) -> Scalar:
+            return is_read(mask[self.channels.index(sensor.name)])
+
+        def read(sensor: Sensor, otherwise: Scalar) -> Scalar:
+            value = context.corrected(sensor, values[self.channels.index(sensor.name)])
+            return ca.if_else(is_there(sensor), value, otherwise)
+
+        means, stds = states.prior()
+        mean = ca.SX(means)
+        variances = ca.SX(stds**2)
+        memory = _memory(context, read, is_there)
+        for i in range(context.n_drives):
+            effort = context.force_sensor(i)
+            at = states.transmitted(i)
+            if at is not None and effort is not None:
+                mean[at] = read(effort, mean[at])
+        begin = _begin(context, read)
+        for at, state in enumerate(states.states):
+            if state.first is not None:
+                mean[at], std = state.first(begin)
+                variances[at] = std**2
+        # maps beside the filter read the positions of drives as it has them, without a known offset
+        placed = (
+            context.corrected(sensor, values[k]) for k, sensor in enumerate(channels.positions)
+        )
+        outputs = [mean, variances, memory, ca.vertcat(*placed, values[self.bridged :])]
+        plain = ca.Function("plain", inputs, _with_parameters(context, outputs, p))
+        return self._with_maps(plain)
+
+    def _with_maps(self, plain: ca.Function) -> ca.Function:
+        """Return the function `plain` with the start by maps, and with the memories of maps."""
+        inputs = plain.mx_in()
+        values, is_present, p = inputs
+        mean, variances, memory, tracked = plain(*inputs)
+        for learned in self.maps.readings:
+            columns = [self.channels.index(name) for name in learned.channels]
+            read = values[columns], is_present[columns]
+            function = map_function(Shape.of(learned), len(learned.joints))
+            begun = begun_by(learned, *read)
+            of_map = map_parameters(learned)
+            angles, _, spreads, _ = function(begun, 0, *read, of_map, 0, read[0], 0)
+            for k, name in enumerate(learned.joints):
+                joint = self.rig.joint_names.index(name)
+                better = spreads[k] < variances[joint]
+                mean[joint] = ca.if_else(better, angles[k], mean[joint])
+                variances[joint] = ca.if_else(better, spreads[k], variances[joint])
+        number = len(self.parameter_names)
+        for placed in self._reported:
+            columns = list(placed.channels)
+            of = (tracked if placed.learned.beside_filter else values)[columns]
+            if placed.learned.beside_filter:
+                of = ca.vertcat(of, mean[list(placed.states)])
+            begun = begun_by(placed.learned, of, is_present[columns])
+            if placed.homes:
+                of_map = p[number : number + placed.parameters]
+                begun = homed_memory(placed.shape, placed.joints)(begun, of_map, self._home_std)
+            memory = ca.vertcat(memory, begun)
+            number += placed.parameters
+        for judge in self._judges:
+            at = list(judge.positions)
+            memory = ca.vertcat(memory, judge.begun(values[at], is_present[at]))
+        return ca.Function("prior", inputs, [mean, variances, memory])
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return a sentence on the directions of joint space that the sensors do not see, if there
@@ -483,15 +439,21 @@ class AdaptiveFilter(KernelEstimator):
         """Index in the kernel state of the drive's position, for each position channel; None for
         the channels of tensions and forces, whose readings are used as they are.
         """
+        channels = self.states.context.channels
+        read = [None] * (len(channels.tensions) + len(channels.forces))
+        return (*self._of_positions("position"), *read)
+
+    def _of_positions(self, part: str) -> list[int]:
+        """Return the indices in the kernel state of a part of what is remembered of each drive with
+        a position sensor, in the order of these sensors.
+        """
         context = self.states.context
-        channels = context.channels
-        drives = context.mechanism.rig.drive_names
+        drives = context.rig.drive_names
         begin = adaptive_layout(self.states)["drives"].start
-        placed = [
-            begin + remembered_position(drives.index(sensor.of), "position")
-            for sensor in channels.positions
+        return [
+            begin + remembered_position(drives.index(sensor.of), part)
+            for sensor in context.channels.positions
         ]
-        return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
 
     @property
     def touched(self) -> tuple[int, ...]:

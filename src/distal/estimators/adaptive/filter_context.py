@@ -16,7 +16,7 @@ from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.estimator_protocol import Channels, sensor_for
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Sensor, contact_shape, drive_travel, gain_of
+from distal.rig import Rig, Sensor, contact_shape, drive_travel, gain_of
 
 DERIVED = "filter."
 """Beginning of the names of the filter's inputs that are no parameters of the equations."""
@@ -65,6 +65,11 @@ class FilterContext:
     robustness: Robustness
 
     @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self.mechanism.rig
+
+    @property
     def n_joints(self) -> int:
         """Number of joints."""
         return self.mechanism.n_joints
@@ -77,7 +82,7 @@ class FilterContext:
     @property
     def width(self) -> int:
         """Length of a sample x = (dt, values, mask)."""
-        return 1 + 2 * len(self.channels.names)
+        return self.channels.row.size
 
     @property
     def forces(self) -> tuple[Sensor, ...]:
@@ -88,7 +93,7 @@ class FilterContext:
         """Return the tendons' displacement per displacement of a drive: the radius of a capstan
         [m], 1 for a slider.
         """
-        part = self.mechanism.rig.drives[drive]
+        part = self.rig.drives[drive]
         return part.radius.value if part.kind == "capstan" else 1.0
 
     @cached_property
@@ -96,7 +101,7 @@ class FilterContext:
         """Indices of the joints on which a torque may act that the rig does not declare."""
         if not self.robustness.opens_torques:
             return ()
-        joints = enumerate(self.mechanism.rig.joints)
+        joints = enumerate(self.rig.joints)
         return tuple(
             j for j, joint in joints if joint.touch != "never" and joint.external_torque.std == 0.0
         )
@@ -105,7 +110,7 @@ class FilterContext:
         """Return drive → names of the ratio r_d/r_j and of the joint's share, see `ratios`, for
         each drive that moves a joint.
         """
-        name = self.mechanism.rig.joints[joint].name
+        name = self.rig.joints[joint].name
         return {
             drive: (f"drives.{drive}.ratio.{name}", f"drives.{drive}.share.{name}")
             for drive in self.ratios(joint)
@@ -118,14 +123,12 @@ class FilterContext:
         Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ
         r².
         """
-        rig = self.mechanism.rig
+        rig = self.rig
         found = dict[int, tuple[float, float]]()
         name = rig.joints[joint].name
         for i, drive in enumerate(rig.drives):
-            tendon = next(
-                (t for t in rig.tendons if t.drive == drive.name and name in t.joints), None
-            )
-            arms = {} if tendon is None else tendon.arms()
+            tendons = (tendon for tendon in rig.tendons_of(drive.name) if name in tendon.joints)
+            arms = next((tendon.arms() for tendon in tendons), dict[str, float]())
             if arms.get(name, 0.0) != 0.0:
                 share = arms[name] ** 2 / sum(arm**2 for arm in arms.values())
                 found[i] = self.lever(i) / arms[name], share
@@ -138,23 +141,24 @@ class FilterContext:
         It is r_d/r_j times the joint's share of the drive's motion; of a tension 1/r_j times that
         share.
         """
-        rig = self.mechanism.rig
-        of = sensor.of
-        lever = 1.0
-        if sensor.measures == "tension":
+        rig = self.rig
+        if sensor.measures != "tension":
+            drive = rig.drive_names.index(sensor.of)
+            lever = 1.0
+        else:
             tendon = rig.tendons[rig.tendon_names.index(sensor.of)]
-            of = tendon.drive
-            lever = self.lever(rig.drive_names.index(of))
+            drive = rig.drive_names.index(tendon.drive)
+            lever = self.lever(drive)
             if rig.joints[joint].name not in tendon.joints:
                 return 0.0
-        ratio, share = self.ratios(joint).get(rig.drive_names.index(of), (0.0, 0.0))
+        ratio, share = self.ratios(joint).get(drive, (0.0, 0.0))
         return ratio * share / lever
 
     def forces_by_torque(self, joint: int) -> dict[str, str]:
         """Return force or tension → name of its `by_torque`, for those that a torque on the joint
         changes.
         """
-        name = self.mechanism.rig.joints[joint].name
+        name = self.rig.joints[joint].name
         return {
             sensor.name: f"{self.path(sensor)}.by_torque.{name}"
             for sensor in self.forces
@@ -187,7 +191,7 @@ class FilterContext:
         """
         may = np.zeros(self.n_joints)
         may[list(self.touchable)] = 1.0
-        return contact_shape(self.mechanism.rig) * np.outer(may, may)
+        return contact_shape(self.rig) * np.outer(may, may)
 
     @property
     def contact_structure(self) -> tuple[object, ...]:
@@ -197,7 +201,7 @@ class FilterContext:
 
     def loaded_with(self, joint: int, other: int) -> str:
         """Return the name of the entry of `contact_shape` for two joints."""
-        return f"joints.{joint}.loaded_with.{self.mechanism.rig.joints[other].name}"
+        return f"joints.{joint}.loaded_with.{self.rig.joints[other].name}"
 
     @cached_property
     def frequency(self) -> float:
@@ -252,11 +256,7 @@ class FilterContext:
         """
         mechanism = self.mechanism
         if resolution is None:
-            resolution = (
-                RESOLUTION
-                if mechanism.chain is None or mechanism.n_joints == 1
-                else CHAIN_RESOLUTION
-            )
+            resolution = RESOLUTION if mechanism.chain is None else CHAIN_RESOLUTION
         longest = min(LONGEST_SUBSTEP, resolution / max(self.frequency, 1e-12))
         needed = min(
             max(1, int(np.ceil(self.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS
@@ -265,11 +265,11 @@ class FilterContext:
 
     def position_sensor(self, drive: int) -> Sensor | None:
         """Return the sensor of a drive's position, or None."""
-        return sensor_for(self.channels.positions, self.mechanism.rig.drives[drive].name)
+        return sensor_for(self.channels.positions, self.rig.drives[drive].name)
 
     def force_sensor(self, drive: int) -> Sensor | None:
         """Return the sensor of a drive's force or torque, or None."""
-        return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
+        return sensor_for(self.channels.forces, self.rig.drives[drive].name)
 
     def value(self, x: Vector, sensor: Sensor) -> Scalar:
         """Return the reading of a sensor in a sample x, less its known offset and divided by its
@@ -288,8 +288,8 @@ class FilterContext:
         that is not `credible` is missing.
         """
         k = self.channels.names.index(sensor.name)
-        width = len(self.channels.names)
-        return x[1 + width + k] * self.credible(sensor, x[1 + k])
+        _, values, mask = self.channels.row.parts(x).values()
+        return mask[k] * self.credible(sensor, values[k])
 
     def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return 1 where a drive could be where its sensor reads, else 0.
@@ -307,8 +307,8 @@ class FilterContext:
         """Return the middle of what a position sensor can read, and the largest distance from it:
         `MOST_TRAVELS` times its drive's travel and the sensor's errors.
         """
-        drives = self.mechanism.rig.drive_names
-        low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
+        drives = self.rig.drive_names
+        low, high = drive_travel(self.rig, drives.index(sensor.of))
         centre = sensor.bias.value + 0.5 * (low + high)
         away = MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
         return centre, away
@@ -351,7 +351,7 @@ class FilterContext:
 
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description."""
-        return f"sensors.{self.mechanism.rig.sensor_names.index(sensor.name)}"
+        return f"sensors.{self.rig.sensor_names.index(sensor.name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
         """Return the random torque on a joint that the model lacks, as the std of ω that it makes
@@ -363,9 +363,9 @@ class FilterContext:
         """Return whether the rig declares friction at a drive: at least
         `Robustness.declared_friction` at its load.
         """
-        part = self.mechanism.rig.drives[drive]
+        part = self.rig.drives[drive]
         lever = self.lever(drive)
-        tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
+        tendons = self.rig.tendons_of(part.name)
         load = max(abs(part.nominal_force.value) / lever, sum(t.home_tension for t in tendons), 1.0)
         constant = part.friction.constant
         growing = part.friction.load

@@ -34,6 +34,7 @@ from distal.estimators.adaptive.update import depths_in_stops, updated
 from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Indices, Layout, PlacedKernel, kernel_state_layout, side_by_side
+from distal.model import symbols
 from distal.rig import Sensor, Subsystem, independent_parts
 
 
@@ -57,7 +58,6 @@ def adaptive_function(
         resolution: of the joints' motion; see `FilterContext.substeps`.
         trace: append the predicted mean, its covariance and the transition to y, for smoothing.
     """
-    nd = states.context.n_drives
     context = states.context
     layout = adaptive_layout(states)
     filters = [
@@ -65,9 +65,9 @@ def adaptive_function(
     ]
     if filters:
         return filter_by_parts(states, filters, layout, trace)
-    kernel_state = ca.MX.sym("kernel_state", layout.size)
-    x = ca.MX.sym("x", context.width)
-    p = ca.MX.sym("p", len(context.mechanism.parameters))
+    parameters = len(context.mechanism.parameters)
+    inputs = symbols(ca.MX, kernel_state=layout.size, x=context.width, p=parameters)
+    kernel_state, x, p = inputs
     mean, covariance, memory = (
         layout.part(kernel_state, name) for name in ("mean", "covariance", "drives")
     )
@@ -78,7 +78,7 @@ def adaptive_function(
     prediction = Prediction(*after, _moving(states, motion))
     kept = Remembered.of(context, layout, kernel_state)
     revert(states, prediction, kept.opened, interval)  # (13)
-    for i in range(nd):
+    for i in range(context.n_drives):
         if states.transmitted(i) is not None:
             friction = kept.drives[i]["friction"]
             kept.drives[i]["friction"] = play(
@@ -90,14 +90,9 @@ def adaptive_function(
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, p)
     remembered = Tracks(tracks).memory
-    following = layout.joined(
-        mean=mean,
-        covariance=covariance,
-        drives=remembered,
-        **kept.joined(),
-    )
+    following = layout.joined(mean=mean, covariance=covariance, drives=remembered, **kept.joined())
     y = ca.vertcat(y, *before) if trace else y
-    return ca.Function("adaptive", [kernel_state, x, p], [following, y])
+    return ca.Function("adaptive", inputs, [following, y])
 
 
 def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> None:
@@ -170,7 +165,7 @@ def subsystems_of(states: StateVector) -> tuple[Apart, ...]:
 
 def _apart(states: StateVector, part: Subsystem) -> Apart:
     context = states.context
-    parameters = states.context.mechanism.parameters
+    parameters = context.mechanism.parameters
     inputs = part.own_paths(parameters.inputs)
     channels = _channels(part, context.channels)
     part_states = states_of_rig(

@@ -16,7 +16,7 @@ from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
 from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode
-from distal.model import Mechanism
+from distal.model import Mechanism, symbols
 from distal.model.parameters import Derived
 from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_errors import quantisation_variance
@@ -53,7 +53,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     """Yield name and value of each quantity of a description that the filter reads beside the
     equations' parameters.
     """
-    rig = context.mechanism.rig
+    rig = context.rig
     channels = context.channels
     yield "interval", channels.interval
     for sensor in (*channels.proximal, *channels.angles):
@@ -88,15 +88,14 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         yield f"{path}.shown_share", shown
         yield f"{path}.nominal_force", drive.nominal_force.value
         yield f"{path}.nominal_force.std", drive.nominal_force.std
-    for t in range(len(rig.tendons)):
+    for t, tendon in enumerate(rig.tendons):
         yield f"tendons.{t}.likely_tension", likely_tension(rig, t)
-        yield f"tendons.{t}.pretension", rig.tendons[t].pretension.value
-    for strain in context.mechanism.strains:
-        creep = rig.tendons[int(strain.split(".")[1])].creep
-        assert creep is not None
-        path = strain.replace("strain", "settled")
-        yield path, creep.settled.value
-        yield f"{path}.std", creep.settled.std
+        yield f"tendons.{t}.pretension", tendon.pretension.value
+    for t, tendon in enumerate(rig.tendons):
+        if tendon.creep is not None:
+            path = f"tendons.{t}.creep.settled"
+            yield path, tendon.creep.settled.value
+            yield f"{path}.std", tendon.creep.settled.std
     p = context.mechanism.parameters
     for i, name in enumerate(p.names):
         if name.endswith((".backlash.width", ".share")):
@@ -116,7 +115,7 @@ def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, fl
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
         centre, away = context.possible_positions(sensor)
-        for name, value in zip(USUAL, usual_motion(context.mechanism.rig, sensor)):
+        for name, value in zip(USUAL, usual_motion(context.rig, sensor)):
             yield f"{path}.{name}", value
         yield f"{path}.centre", centre
         yield f"{path}.farthest", away
@@ -180,9 +179,7 @@ def mechanics_function(context: FilterContext) -> ca.Function:
     limits and asymmetries, slopes of tensions and of pulls by q.
     """
     mechanism = context.mechanism
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    v = ca.SX.sym("v", mechanism.n_bodies)
-    p = mechanism.parameters.symbols
+    q, v = symbols(ca.SX, q=mechanism.n_bodies, v=mechanism.n_bodies)
     tendons = mechanism.pulls(q, v, settled=True)
     nj = mechanism.n_joints
     tensions = tendons.drive
@@ -193,8 +190,5 @@ def mechanics_function(context: FilterContext) -> ca.Function:
     limits = ca.vertcat(*(limit.mean for limit in friction))
     asymmetries = ca.vertcat(*(limit.asymmetry for limit in friction))
     slopes = [ca.jacobian(tensions, q), ca.jacobian(pulls, q)]
-    return ca.Function(
-        "mechanics",
-        [q, v, p],
-        [tensions, pulls, mechanism.dampings(), limits, asymmetries, *slopes],
-    )
+    outputs = [tensions, pulls, mechanism.dampings(), limits, asymmetries, *slopes]
+    return ca.Function("mechanics", [q, v, mechanism.parameters.symbols], outputs)

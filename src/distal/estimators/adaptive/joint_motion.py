@@ -30,11 +30,13 @@ from distal.model import (
     Limit,
     Slip,
     damped_inertias,
+    dense_function,
     kicked_chain,
     loads_of,
     residual,
     soft_moments,
     solver,
+    symbols,
 )
 
 
@@ -149,11 +151,13 @@ def moving(
     load = kicked.load
     stiffness = ca.SX(kicked.contacts.stiffness)
     damping = ca.SX(kicked.contacts.damping)
-    for k in (k for k, j in enumerate(free) if j in pushed or j in doubted):
+    for k, j in enumerate(free):
+        if j not in pushed and j not in doubted:
+            continue
         pressing = ca.SX(0)
-        if free[k] in pushed:
+        if j in pushed:
             # a hand may take the joint off its stop: the expectation does without it
-            pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.position[k])
+            pressing = stiffness[k] * (kick.q[j] - kicked.contacts.position[k])
             matrix[k, k] -= damping[k]
             stiffness[k] = 0
             damping[k] = 0
@@ -165,16 +169,23 @@ def moving(
             - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
         )
         limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
-        moments = soft_moments(felt / mass, limit, length * stds[free[k]] / mass + TINY_STD)
+        moments = soft_moments(felt / mass, limit, length * stds[j] / mass + TINY_STD)
         share = ca.fmax(moments.slope, 1e-12)
         weight[k] = ca.sqrt(share)
         forward[k] = moments.forward / share
         back[k] = moments.back / share
-        rest[free[k]] = moments.rest
-    speed, forward_by, back_by, *contact = (
-        ca.SX.sym(name, count) for name in ("after", "u", "d", "kappa", "delta", "position")
+        rest[j] = moments.rest
+    unknown = symbols(
+        ca.SX,
+        after=count,
+        u=count,
+        d=count,
+        kappa=count,
+        delta=count,
+        position=count,
+        damped=nj,
     )
-    damped = ca.SX.sym("damped", nj)
+    speed, forward_by, back_by, *contact, damped = unknown
     q = kick.q[:nj]
     v = ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
     equation = residual(
@@ -203,7 +214,6 @@ def moving(
     by_contact = ca.jacobian(equation, ca.vertcat(*contact))
     by_stops = ca.jacobian(ca.vertcat(*pushes), p.symbols[stops])
     slopes[2][:, stops] += ca.mtimes(by_contact, by_stops)
-    unknown = [speed, forward_by, back_by, *contact, damped]
     solution = [after, ca.vertcat(*forward), ca.vertcat(*back), *pushes, kicked.damped]
     slopes = ca.substitute(slopes, unknown, [ca.densify(part) for part in solution])
     solve = solver(matrix, ca.vertcat(*weight))
@@ -259,14 +269,12 @@ def moved(
 ) -> Moved:
     """Return the joints after an interval of `count` sub-steps, with their slopes."""
     context = states.context
-    memory = interval.memory
-    tracks = interval.tracks
     x = interval.x
     p = interval.p
     nj = context.n_joints
     acting = _acting(states)
     starts, rates, torques, values, *constant = _interval(states, count)(
-        mean, covariance, memory, tracks, x, p
+        mean, covariance, interval.memory, interval.tracks, x, p
     )
     step = _substep(states)
     h = x[0] / count
@@ -326,14 +334,13 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     """
     context = states.context
     n = len(states)
-    nd = states.context.n_drives
+    nd = context.n_drives
     mechanism = context.mechanism
-    p = context.mechanism.parameters.symbols
-    mean = ca.SX.sym("mean", n)
-    covariance = ca.SX.sym("P", n, n)
-    memory = ca.SX.sym("memory", MEMORY * nd)
-    vector = ca.SX.sym("tracks", Tracks.size(nd))
-    x = ca.SX.sym("x", context.width)
+    p = mechanism.parameters.symbols
+    inputs = symbols(
+        ca.SX, mean=n, P=(n, n), memory=MEMORY * nd, tracks=Tracks.size(nd), x=context.width
+    )
+    mean, covariance, memory, vector, x = inputs
     tracks = Tracks(vector)
     dt = x[0]
     starts = list[Scalar]()
@@ -343,19 +350,14 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         first = states.position(i, memory[remembered_position(i, "position")], mean)
         last = states.position(i, tracks[i].position, mean)
         starts.append(first)
-        measured = context.position_sensor(i) is not None
-        rates.append(
-            ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0)
-            if measured
-            else ca.SX(0)
-        )
+        rates.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0))
         slope = ca.jacobian(last, mean)
         slopes += [slope[at] for at in states.placing(i)]
     parameters = states.parameters(mean)
     damped = damped_inertias(mechanism, mechanism.inertias()[: context.n_joints], dt / count)
     nj = context.n_joints
     # torques are sums of states of their own: their variances add up
-    of_joints = [states.adding(("torque", j)) for j in range(nj)]
+    of_joints = (states.adding(("torque", j)) for j in range(nj))
     spreads = [
         ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) for at in of_joints
     ]
@@ -372,8 +374,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         parameters,
         ca.substitute(damped, p, parameters),
     ]
-    arguments = [mean, covariance, memory, vector, x, p]
-    return ca.Function("interval", arguments, ca.cse([ca.densify(output) for output in outputs]))
+    return dense_function("interval", [*inputs, p], outputs)
 
 
 def _substep(states: StateVector) -> ca.Function:
@@ -384,23 +385,21 @@ def _substep(states: StateVector) -> ca.Function:
     transposed.
     """
     context = states.context
-    nd = states.context.n_drives
-    nj = states.context.n_joints
+    nd = context.n_drives
+    nj = context.n_joints
     mechanism = context.mechanism
-    p = context.mechanism.parameters.symbols
+    p = mechanism.parameters.symbols
     acting = _acting(states)
     nb = mechanism.n_bodies
     count = 2 * nj + len(acting)
-    q, v, torques, spreads = (
-        ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj))
-    )
-    damped = ca.SX.sym("damped", nj)
-    h = ca.SX.sym("h")
-    state = ca.SX.sym("state", len(states))
-    rig_p = ca.SX.sym("rig_p", p.numel())
+    inputs = symbols(ca.SX, q=nb, v=nb, tau=nj, h=1, s_tau=nj)
+    q, v, torques, h, spreads = inputs
+    damped, state, rig_p = symbols(ca.SX, damped=nj, state=len(states), rig_p=p.numel())
     same = damped if mechanism.chain is None else None
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), ca.SX(nb, 4), h, h, damped=same)
     torque_slopes = ca.jacobian(states.torques(state), state)
+    # states enter the parameters linearly: slopes at the rig's own
+    parameter_slopes = ca.substitute(ca.jacobian(states.parameters(state), state), p, rig_p)
     # what the rig declares may take a joint off its stop; a torque that forces tell of later moves
     # what sticks alone
     pushed = [j for j, joint in enumerate(mechanism.rig.joints) if joint.external_torque.std > 0.0]
@@ -409,20 +408,8 @@ def _substep(states: StateVector) -> ca.Function:
     along = ca.SX(nj, count + nd)
     along[:, count:] = step.by_position[:, nj:]
     if acting:
-        along[:, 2 * nj : count] += ca.mtimes(
-            step.by_parameter, _parameter_slopes(states, rig_p)[:, acting]
-        )
+        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, parameter_slopes[:, acting])
         along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
-    arguments = [q, v, torques, h, spreads, p, damped, rig_p]
+    arguments = [*inputs, p, damped, rig_p]
     outputs = [step.q, step.v, step.by_position[:, :nj].T, step.by_speed.T, along.T, step.rest]
-    return ca.Function("substep", arguments, ca.cse([ca.densify(output) for output in outputs]))
-
-
-def _parameter_slopes(states: StateVector, rig_p: Vector) -> Matrix:
-    """Return ∂p/∂state, (n_p, n), at the rig's own parameters, (n_p,): states enter the parameters
-    linearly.
-    """
-    p = states.context.mechanism.parameters
-    state = ca.SX.sym("state", len(states))
-    slopes = ca.jacobian(states.parameters(state), state)
-    return ca.substitute(slopes, p.symbols, rig_p)
+    return dense_function("substep", arguments, outputs)

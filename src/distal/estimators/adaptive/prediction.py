@@ -26,7 +26,7 @@ from distal.estimators.estimator_protocol import StateKind
 from distal.estimators.kinematic import Downdate, along, symmetric
 from distal.expressions import Matrix, MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 from distal.kernels.layout import is_read, is_there
-from distal.model import clip_moments
+from distal.model import clip_moments, dense_function, symbols
 
 SURE = 3.0
 """Number of stds of its sensor that is added to a force to have its largest possible value [1].
@@ -69,10 +69,10 @@ def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
     """Yield drive and both tendons, by index, of each pair that may be slack on both sides, for
     drives whose position and force are read.
     """
-    rig = context.mechanism.rig
+    rig = context.rig
     p = context.mechanism.parameters
-    for i, drive in enumerate(rig.drives):
-        tendons = [k for k, tendon in enumerate(rig.tendons) if tendon.drive == drive.name]
+    for i in range(context.n_drives):
+        tendons = context.mechanism.pulled_by(context.n_joints + i)
         plain = all(
             p.has(f"tendons.{k}.slack") and not p.has(f"tendons.{k}.stiffening") for k in tendons
         )
@@ -95,17 +95,18 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     Distance and width are measured along a tendon [m]; the slope is (n, 1), sparse.
     """
     context = states.context
-    mechanism = states.context.mechanism
+    mechanism = context.mechanism
     body = context.n_joints + drive
     sensor = context.force_sensor(drive)
     assert sensor is not None  # `slack_pairs`
-    state = ca.SX.sym("state", len(states))
-    x = ca.SX.sym("x", context.width)
-    vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
+    inputs = symbols(
+        ca.SX, state=len(states), tracks=Tracks.size(context.n_drives), x=context.width
+    )
+    state, vector, x = inputs
     p = mechanism.parameters
     tracks = Tracks(vector)
     q = states.coordinates(state, tracks.positions)
-    bodies = ca.SX.sym("q", mechanism.n_bodies)
+    (bodies,) = symbols(ca.SX, q=mechanism.n_bodies)
     parameters = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])
     stiffness = ca.vertcat(*(p[f"tendons.{k}.stiffness"] for k in pair))
@@ -122,7 +123,7 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     known = is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)
     slope = ca.sparsify(ca.jacobian((stretch[0] - stretch[1]) / 2, state)).T
     outputs = [residual, -(beyond[0] + beyond[1]), known, slope]
-    return ca.Function("play", [state, vector, x, p.symbols], ca.cse(outputs))
+    return ca.Function("play", [*inputs, p.symbols], ca.cse(outputs))
 
 
 def predicted(
@@ -135,35 +136,24 @@ def predicted(
     """
     context = states.context
     n = len(states)
-    x = interval.x
     nj = context.n_joints
     ahead = ca.mtimes(moved.across(covariance), moved.slopes)
     products = ca.mtimes(moved.across(ahead.T), moved.slopes)
     positions = moved.slopes[len(moved.chosen) :, :]
-    arguments = (
-        products,
-        positions,
-        moved.speed_variances,
-        interval.tracks,
-        interval.memory,
-        x,
-        interval.p,
-    )
-    corner = _corner(context)(*arguments)
+    drives = interval.tracks, interval.memory, interval.x, interval.p
+    corner = _corner(context)(products, positions, moved.speed_variances, *drives)
     after = ca.MX(covariance)
     for k in range(2 * nj):
         set_row(after, k, ahead[:, k], ahead[k, k])
     after[: 2 * nj, : 2 * nj] = corner
     state = ca.MX(mean)
-    for j in range(nj):
-        state[j] = moved.angles[j]
-        state[nj + j] = moved.speeds[j]
+    state[: 2 * nj] = ca.vertcat(moved.angles, moved.speeds)
     walking = [i for i in range(n) if states.walks[i] > 0.0]
     if walking:
         flat = ca.vec(after)
         diagonal = [i * (n + 1) for i in walking]
         walks = context.parameters(interval.p, [f"state.{i}.walk" for i in walking])
-        flat[diagonal] = flat[diagonal] + x[0] * walks**2
+        flat[diagonal] = flat[diagonal] + interval.x[0] * walks**2
         after = ca.reshape(flat, n, n)
     return state, after
 
@@ -177,12 +167,16 @@ def _corner(context: FilterContext) -> ca.Function:
     """
     nj = context.n_joints
     nd = context.n_drives
-    products = ca.SX.sym("products", 2 * nj, 2 * nj)
-    of_positions = ca.SX.sym("S_drives", nd, 2 * nj)
-    speed_variances = ca.SX.sym("speed_variances", nj)
-    vector = ca.SX.sym("tracks", Tracks.size(nd))
-    memory = ca.SX.sym("memory", MEMORY * nd)
-    x = ca.SX.sym("x", context.width)
+    inputs = symbols(
+        ca.SX,
+        products=(2 * nj, 2 * nj),
+        S_drives=(nd, 2 * nj),
+        speed_variances=nj,
+        tracks=Tracks.size(nd),
+        memory=MEMORY * nd,
+        x=context.width,
+    )
+    products, of_positions, speed_variances, vector, memory, x = inputs
     variances = Tracks(vector).variances
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
     by_read = of_positions[read, :]
@@ -199,15 +193,7 @@ def _corner(context: FilterContext) -> ca.Function:
         ca.mtimes([spread, ca.diag(ca.vertcat(*noise)), spread.T]) for noise in (angles, speeds)
     )
     corner = symmetric(ca.densify(corner + ca.diagcat(*added)))
-    arguments = [
-        products,
-        of_positions,
-        speed_variances,
-        vector,
-        memory,
-        x,
-        context.mechanism.parameters.symbols,
-    ]
+    arguments = [*inputs, context.mechanism.parameters.symbols]
     return ca.Function("corner", arguments, ca.cse([corner]))
 
 
@@ -251,8 +237,8 @@ def revert(
         return
     factors = [ca.exp(-dt / time) for _, time, _ in fadings]
     values = ca.vertcat(*factors, *(std**2 * (1 - f**2) for (*_, std), f in zip(fadings, factors)))
-    symbols = [dt, states.context.mechanism.parameters.symbols]
-    fades = ca.Function("fading", symbols, [values])(interval.x[0], interval.p)
+    inputs = [dt, states.context.mechanism.parameters.symbols]
+    fades = ca.Function("fading", inputs, [values])(interval.x[0], interval.p)
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
@@ -368,20 +354,17 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     """
     context = states.context
     n = len(states)
-    nd = states.context.n_drives
+    nd = context.n_drives
     mechanism = context.mechanism
-    p = context.mechanism.parameters.symbols
-    nj = context.n_joints
+    p = mechanism.parameters.symbols
     sensor = context.force_sensor(drive)
     assert sensor is not None  # as above
-    state = ca.SX.sym("state", n)
-    variance_of_z = ca.SX.sym("P_z")
-    vector = ca.SX.sym("tracks", Tracks.size(nd))
-    rates = ca.SX.sym("rates", nd)
-    remembered = ca.SX.sym("effort")
-    x = ca.SX.sym("x", context.width)
+    inputs = symbols(
+        ca.SX, state=n, P_z=1, tracks=Tracks.size(nd), rates=nd, effort=1, x=context.width
+    )
+    state, variance_of_z, vector, rates, remembered, x = inputs
     tracks = Tracks(vector)
-    q = ca.SX.sym("q", mechanism.n_bodies)
+    (q,) = symbols(ca.SX, q=mechanism.n_bodies)
     still = ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
@@ -395,7 +378,7 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     smoothed = ca.if_else(read, following, remembered)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
     error = states.added(("reading", sensor.name), state, smoothed)
-    error += dampings[nj + drive] * rates[drive]
+    error += dampings[context.n_joints + drive] * rates[drive]
     effort = smoothed - error
     left = share / (2 - share) * context.noise(sensor)
     held += CREST * ca.sqrt(left)
@@ -412,8 +395,7 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
         ca.if_else(read, moments.rest + ends**2 * left, 0),
         smoothed,
     ]
-    arguments = [state, variance_of_z, vector, rates, remembered, x, p]
-    return ca.Function("play", arguments, ca.cse([ca.densify(output) for output in outputs]))
+    return dense_function("play", [*inputs, p], outputs)
 
 
 TINY_POSITION = 1e-12
@@ -455,18 +437,13 @@ def following_function(states: StateVector, at: int) -> ca.Function:
     a strain of creep, the model's value with its slopes.
     """
     context = states.context
-    n = len(states)
-    nd = states.context.n_drives
+    nd = context.n_drives
     mechanism = context.mechanism
-    nj = context.n_joints
-    p = context.mechanism.parameters.symbols
-    state = ca.SX.sym("state", n)
-    variance = ca.SX.sym("P_z")
-    x = ca.SX.sym("x", context.width)
-    vector = ca.SX.sym("tracks", Tracks.size(nd))
+    p = mechanism.parameters.symbols
+    inputs = symbols(ca.SX, state=len(states), P_z=1, tracks=Tracks.size(nd), x=context.width)
+    state, variance, vector, x = inputs
     tracks = Tracks(vector)
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    dt = ca.SX.sym("dt")
+    q, dt = symbols(ca.SX, q=mechanism.n_bodies, dt=1)
     at_end = states.coordinates(state, tracks.positions)
     arguments = [at_end, states.parameters(state), x[0]]
     name = mechanism.parameters.names[states.states[at].indices[0]]
@@ -477,7 +454,7 @@ def following_function(states: StateVector, at: int) -> ca.Function:
     else:
         bounds = mechanism.bounds(mechanism.plays.index(name), q)
         reached = [bounds.low, bounds.high]
-        by_drives = [ca.jacobian(bound, q)[0, nj:] for bound in reached]
+        by_drives = [ca.jacobian(bound, q)[0, context.n_joints :] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
         noises = [_noise(states, i) for i in range(nd)]
         by_low = ca.jacobian(low, state)
@@ -490,8 +467,7 @@ def following_function(states: StateVector, at: int) -> ca.Function:
         pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
         noise = sum((pushed[0, i] ** 2 * tracks[i].variance for i in range(nd)), ca.SX(0))
         outputs = [moments.mean, row.T, moments.rest + noise]
-    symbols = [state, variance, vector, x, p]
-    return ca.Function("follow", symbols, ca.cse([ca.densify(output) for output in outputs]))
+    return dense_function("follow", [*inputs, p], outputs)
 
 
 def _noise(states: StateVector, drive: int) -> Scalar:

@@ -30,7 +30,7 @@ from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.estimator_protocol import StateKind
 from distal.expressions import Scalar, Vector
-from distal.model import Mechanism
+from distal.model import Mechanism, symbols
 from distal.rig import (
     Rig,
     Sensor,
@@ -141,7 +141,7 @@ one [N]. Source: judgement.
 
 def inside(context: FilterContext) -> Iterator[State]:
     """Yield the model's internal states: parameters of its equations that move (see
-    `internal_motion.follow`) from the first reading on. They are the far sides of backlashes and
+    `prediction.follow`) from the first reading on. They are the far sides of backlashes and
     the points in sheaths [m, rad], then the slow parts of tendons' stretches [m], which creep over
     minutes.
 
@@ -153,14 +153,11 @@ def inside(context: FilterContext) -> Iterator[State]:
         [0.0] * context.n_drives, [None] * context.n_drives, [None] * mechanism.n_tendons
     )
     for path in (*mechanism.plays, *mechanism.strains):
-        components, index, quantity, *keys = path.split(".")
+        components, index, quantity, *_, key = path.split(".")
         part = mechanism.rig.components[components][int(index)].name
-        kind = StateKind.BACKLASH if components == "drives" else StateKind.CREEP
-        name = f"{quantity}_{part}"
-        if quantity == "path":
-            kind = StateKind.SHEATH
-            name = f"sheath_{part}_{keys[-1]}"
-        first = partial(FIRST[kind], context, path, int(index))
+        kind, start = FIRST[quantity]
+        name = f"sheath_{part}_{key}" if quantity == "path" else f"{quantity}_{part}"
+        first = partial(start, context, path, int(index))
         std = float(ca.Function("std", [p.symbols], [first(nothing)[1]])(p.values))
         at = p.names.index(path)
         yield State(name, kind, part, 0.0, std, indices=(at,), first=first)
@@ -185,19 +182,18 @@ def _point(context: FilterContext, path: str, tendon: int, begin: Begin) -> tupl
     mechanism = context.mechanism
     still = Mechanism(mechanism.rig)
     p = still.parameters
-    q = ca.SX.sym("q", still.n_bodies)
-    tension = ca.SX.sym("T")
+    inputs = symbols(ca.SX, q=still.n_bodies, T=1, stds=mechanism.n_joints)
+    q, tension, stds = inputs
     sheath = still.sheath(tendon)
     assert sheath is not None  # it has points
     position = still.internal_state(q).inside[mechanism.plays.index(path)]
     initial = [f"joints.{j}.initial" for j in range(mechanism.n_joints)]
     slopes = ca.jacobian(position, q)
-    stds = ca.SX.sym("stds", mechanism.n_joints)
     turned = sum(((slopes[0, j] * stds[j]) ** 2 for j in still.joints_of[tendon]), ca.SX(0))
     friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
     share = (2 * int(path.rpartition(".")[2]) + 1) / (2 * sheath.count)
     spread = ca.sqrt(turned + (share * friction) ** 2)
-    prior = ca.Function("first", [q, tension, stds, p.symbols], [position, spread])
+    prior = ca.Function("first", [*inputs, p.symbols], [position, spread])
     mean, std = prior(
         ca.vertcat(*map(context.number, initial), *begin.positions),
         _tension(context, tendon, begin),
@@ -223,12 +219,15 @@ def _strain(context: FilterContext, path: str, tendon: int, begin: Begin) -> tup
     return settled * share * stretch, spread * stretch
 
 
-FIRST: dict[StateKind, Callable[[FilterContext, str, int, Begin], tuple[Scalar, Scalar]]] = {
-    StateKind.BACKLASH: _far_side,
-    StateKind.SHEATH: _point,
-    StateKind.CREEP: _strain,
+First = Callable[[FilterContext, str, int, Begin], tuple[Scalar, Scalar]]
+"""Function that returns mean and std of an internal state at the first sample."""
+
+FIRST: dict[str, tuple[StateKind, First]] = {
+    "backlash": (StateKind.BACKLASH, _far_side),
+    "path": (StateKind.SHEATH, _point),
+    "creep": (StateKind.CREEP, _strain),
 }
-"""Kind of an internal state → its mean and std at the first sample. Source: definition."""
+"""Part of the rig that an internal state belongs to → its kind, and its first mean and std."""
 
 
 def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
@@ -237,15 +236,12 @@ def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
     """
     mechanism = context.mechanism
     path = f"tendons.{tendon}"
-    part = mechanism.rig.tendons[tendon]
-    index = mechanism.drive_of[tendon] - mechanism.n_joints
+    body = mechanism.drive_of[tendon]
     tension = begin.tensions[tendon]
-    effort = begin.efforts[index]
-    drive = mechanism.rig.drives[index]
+    effort = begin.efforts[body - mechanism.n_joints]
     if tension is None and effort is not None:
-        lever = mechanism.parameters[f"drives.{index}.radius"] if drive.kind == "capstan" else 1.0
-        count = sum(neighbour.drive == part.drive for neighbour in mechanism.rig.tendons)
-        share = effort / lever / count * (part.winding if drive.kind == "capstan" else 1)
+        count = len(mechanism.pulled_by(body))
+        share = effort / mechanism.lever(body) / count * mechanism.winds(tendon)
         tension = share + context.number(f"{path}.pretension") * (1 - 1 / count)
     if tension is None:
         return context.number(f"{path}.likely_tension")
@@ -257,8 +253,8 @@ def likely_tension(rig: Rig, tendon: int) -> float:
     else nominal force, else `UNKNOWN_TENSION`.
     """
     part = rig.tendons[tendon]
-    drive = next(drive for drive in rig.drives if drive.name == part.drive)
-    return part.home_tension or abs(drive.nominal_force.value) or UNKNOWN_TENSION
+    nominal = rig.drive(part.drive).nominal_force.value
+    return part.home_tension or abs(nominal) or UNKNOWN_TENSION
 
 
 START_SPEED = 0.3
@@ -269,7 +265,7 @@ motion. Source: benchmark (benchmarks.ablation).
 
 def motions(context: FilterContext) -> Iterator[State]:
     """Yield the angles of all joints, then the speeds of all."""
-    rig = context.mechanism.rig
+    rig = context.rig
     joints = list(enumerate(rig.joints))
     for name, (j, joint) in zip(angle_names(rig.joint_names), joints):
         initial = joint.initial
@@ -285,7 +281,7 @@ def external_torques(context: FilterContext) -> Iterator[State]:
 
     Where the rig declares none it is zero until a touch opens its variance, (13b).
     """
-    rig = context.mechanism.rig
+    rig = context.rig
     for j, (joint, name) in enumerate(zip(rig.joints, torque_names(rig.joint_names))):
         std = joint.external_torque.std
         if std > 0.0 or j in context.touchable:
@@ -312,9 +308,9 @@ def unmeasured_positions(context: FilterContext) -> Iterator[State]:
     """Yield the position s of each drive without a position sensor: anywhere on its travel at
     first; then it walks.
     """
-    for i, drive in enumerate(context.mechanism.rig.drives):
+    for i, drive in enumerate(context.rig.drives):
         if context.position_sensor(i) is None:
-            low, high = drive_travel(context.mechanism.rig, i)
+            low, high = drive_travel(context.rig, i)
             yield State(
                 f"position_{drive.name}",
                 StateKind.POSITION,
@@ -336,7 +332,7 @@ def unknown_frictions(context: FilterContext) -> Iterator[State]:
     guards = context.robustness
     if guards.unknown_friction == 0.0:
         return
-    for i, drive in enumerate(context.mechanism.rig.drives):
+    for i, drive in enumerate(context.rig.drives):
         sensor = context.force_sensor(i)
         if sensor is None or drive.hysteresis is not None or context.declares_friction(i):
             continue
@@ -354,12 +350,12 @@ def unknown_frictions(context: FilterContext) -> Iterator[State]:
 
 def transmissions(context: FilterContext) -> Iterator[State]:
     """Yield for each drive with hysteresis and a force sensor the effort z that a play operator
-    passes on, which `internal_motion.play` moves, and what one play operator leaves out: that is
+    passes on, which `prediction.play` moves, and what one play operator leaves out: that is
     *considered*, since the model has no state for it.
 
     At first z is anywhere within the limits h of the play, h/√3, and the sensor's noise.
     """
-    for i, drive in enumerate(context.mechanism.rig.drives):
+    for i, drive in enumerate(context.rig.drives):
         sensor = context.force_sensor(i)
         hysteresis = drive.hysteresis
         if sensor is None or hysteresis is None:
@@ -450,7 +446,7 @@ def uncertain_parameters(context: FilterContext) -> list[State]:
     state of mean 1, whose std is that of its logarithm.
     """
     p = context.mechanism.parameters
-    rig = context.mechanism.rig
+    rig = context.rig
     values, factors, deviations = (list[State]() for _ in range(3))
     seen = [
         i
@@ -559,7 +555,7 @@ def uncertain_parameters(context: FilterContext) -> list[State]:
 
 def _bounded(context: FilterContext, name: str) -> bool:
     """Return whether a parameter cannot be negative."""
-    return number(context.mechanism.rig, name).quantity.bound != "any"
+    return number(context.rig, name).quantity.bound != "any"
 
 
 def _without_effect(context: FilterContext, name: str, std: float) -> bool:
@@ -569,7 +565,7 @@ def _without_effect(context: FilterContext, name: str, std: float) -> bool:
     if not name.startswith("drives."):
         return False
     index = int(name.split(".")[1])
-    drive = context.mechanism.rig.drives[index]
+    drive = context.rig.drives[index]
     sensor = context.force_sensor(index)
     if name.endswith(("friction.load", "friction.constant")):
         noise = np.sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.std
@@ -746,7 +742,7 @@ class StateVector:
         # friction at one time tells little of another time
         self.unsmoothed = self.of_kind(StateKind.FRICTION)
         self.lasting = np.array([kind in LASTING for kind in self.state_kinds])
-        joints = context.mechanism.rig.joint_names
+        joints = context.rig.joint_names
         torques = self.of_kind(StateKind.EXTERNAL_TORQUE)
         self.torque_states = {i: joints.index(self.state_parts[i]) for i in torques}
 
@@ -884,6 +880,6 @@ class StateVector:
         """Return the index of the effort that a drive's play passes on, None where it has no
         play.
         """
-        name = self.context.mechanism.rig.drive_names[drive]
+        name = self.context.rig.drive_names[drive]
         of = (i for i in self.of_kind(StateKind.TRANSMITTED) if self.state_parts[i] == name)
         return next(of, None)

@@ -10,9 +10,10 @@ torque itself keeps the variance open, so that a light touch and a wall are both
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any
 
 import casadi as ca
 
@@ -22,6 +23,7 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import TOUCHED
 from distal.expressions import ScalarNode, VectorNode
 from distal.kernels.layout import Layout
+from distal.model import symbols
 from distal.rig import Sensor
 
 EVIDENCE_TIME = 0.05
@@ -101,6 +103,9 @@ torques explain of it: the square of the part of its mean innovation that is not
 largest that is normal [N², (N m)²], and 1 where the force is read, else 0.
 """
 
+KEPT = {"drives": ("forces", DRIVE), "forces": ("evidence", FORCE), "torques": ("torques", TORQUE)}
+"""Field of `Remembered` → part of the kernel state that holds it, and layout of each entry."""
+
 
 @dataclass(frozen=True)
 class Remembered:
@@ -108,26 +113,26 @@ class Remembered:
     in place.
 
     Args:
-        drives: a `DRIVE` for each drive.
+        drives: a `DRIVE` for each drive, by its index.
         forces: a `FORCE` for each force or tension that is asked for a touch, by its sensor's name.
         torques: a `TORQUE` for each joint that may be touched, by its index.
     """
 
-    drives: list[dict[str, ScalarNode]]
+    drives: dict[int, dict[str, ScalarNode]]
     forces: dict[str, dict[str, ScalarNode]]
     torques: dict[int, dict[str, ScalarNode]]
 
     @classmethod
     def of(cls, context: FilterContext, layout: Layout, kernel_state: VectorNode) -> Remembered:
         """Return what a kernel state remembers, as symbols by name."""
-        names = [sensor.name for sensor in compared_forces(context)]
-        torques = _each(TORQUE, layout.part(kernel_state, "torques"), len(context.touchable))
-        forces = _each(FORCE, layout.part(kernel_state, "evidence"), len(names))
-        return cls(
-            _each(DRIVE, layout.part(kernel_state, "forces"), context.n_drives),
-            dict(zip(names, forces)),
-            dict(zip(context.touchable, torques)),
-        )
+        names = _entries(context)
+        kept = {}
+        for field, (part, each) in KEPT.items():
+            vector = layout.part(kernel_state, part)
+            kept[field] = {
+                name: each.parts(vector[each.size * i :]) for i, name in enumerate(names[field])
+            }
+        return cls(**kept)
 
     @property
     def opened(self) -> dict[int, ScalarNode]:
@@ -142,17 +147,15 @@ class Remembered:
     def joined(self) -> dict[str, VectorNode]:
         """Return the parts of a kernel state that hold what is remembered."""
         return {
-            "forces": ca.vertcat(*(DRIVE.joined(**drive) for drive in self.drives)),
-            "evidence": ca.vertcat(ca.MX(0, 1), *(FORCE.joined(**f) for f in self.forces.values())),
-            "torques": ca.vertcat(
-                ca.MX(0, 1), *(TORQUE.joined(**t) for t in self.torques.values())
-            ),
+            part: ca.vertcat(ca.MX(0, 1), *(each.joined(**entry) for entry in entries.values()))
+            for (part, each), entries in zip(KEPT.values(), vars(self).values())
         }
 
 
-def _each(layout: Layout, vector: VectorNode, count: int) -> list[dict[str, ScalarNode]]:
-    stretches = (vector[layout.size * i : layout.size * (i + 1)] for i in range(count))
-    return [layout.parts(stretch) for stretch in stretches]
+def _entries(context: FilterContext) -> dict[str, Sequence[Any]]:
+    """Return field of `Remembered` → the keys of its entries."""
+    names = [sensor.name for sensor in compared_forces(context)]
+    return {"drives": range(context.n_drives), "forces": names, "torques": context.touchable}
 
 
 def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
@@ -169,10 +172,9 @@ def evidence_function() -> ca.Function:
     The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29). Each ν/√S is limited, so
     that at intervals below 35 ms one sample alone never exceeds z_w.
     """
-    names = ("innovation", "variance", "is_used", "dt")
-    sizes = {"kept": FORCE.size, **dict.fromkeys(names, 1)}
-    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    kept, innovation, variance, used, dt = given.values()
+    sizes = {"kept": FORCE.size, "innovation": 1, "variance": 1, "is_used": 1, "dt": 1}
+    inputs = symbols(ca.SX, **sizes)
+    kept, innovation, variance, used, dt = inputs
     memory = FORCE.parts(kept)
     threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(memory["usual"]))
     fade = ca.exp(-dt / EVIDENCE_TIME)
@@ -186,8 +188,7 @@ def evidence_function() -> ca.Function:
     usual = ca.if_else(used > 0, slowly * memory["usual"] + (1 - slowly) * mean**2, memory["usual"])
     share = ca.fmax(1 - threshold**2 / ca.fmax(mean**2, SMALLEST_TORQUE), 0)
     outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, used]
-    inputs = list(given.values())
-    return ca.Function("evidence", inputs, outputs, list(given), [*FORCE.names, *WEIGHED])
+    return ca.Function("evidence", inputs, outputs, list(sizes), [*FORCE.names, *WEIGHED])
 
 
 def open_torques(
@@ -211,7 +212,7 @@ def open_torques(
         names = [name for name in context.by_contact(joint) if name in evidence]
         if not names:
             continue
-        moved = context.mechanism.rig.joints[joint].name
+        moved = context.rig.joints[joint].name
         changes = [f"{context.path(of_forces[name])}.by_contact.{moved}" for name in names]
         by_contact = context.parameters(interval.p, changes)
         weighed = ca.horzcat(
@@ -238,14 +239,12 @@ def opening_function(count: int) -> ca.Function:
     last value, fading; `OPENED`² Σ excess/b²; and τ₀² (z² − 1). That of a clear torque fades
     slowly.
     """
-    kept = ca.SX.sym("kept", TORQUE.size)
-    by_contact = ca.SX.sym("b", count)
-    torque = ca.SX.sym("torque")
-    dt = ca.SX.sym("dt")
-    weighed = ca.SX.sym("weighed", 1 + len(WEIGHED), count)
+    parts = 1 + len(WEIGHED)
+    inputs = symbols(ca.SX, kept=TORQUE.size, torque=1, weighed=(parts, count), b=count, dt=1)
+    kept, torque, weighed, by_contact, dt = inputs
     was = TORQUE.parts(kept)
     square = by_contact**2
-    explained, excess, normal, used = (weighed[k, :].T for k in range(1 + len(WEIGHED)))
+    explained, excess, normal, used = (row.T for row in ca.vertsplit(weighed))
     least = ca.fmax(normal, SMALLEST_TORQUE)
     felt = ca.sum1(used * square / least)
     lost = felt <= 0
@@ -265,13 +264,10 @@ def opening_function(count: int) -> ca.Function:
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
     )
-    return ca.Function("opening", [kept, torque, weighed, by_contact, dt], [after])
+    return ca.Function("opening", inputs, [after])
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
     """Return the lengths of the parts of the kernel state that remember forces and torques."""
-    return {
-        "forces": DRIVE.size * context.n_drives,
-        "evidence": FORCE.size * len(compared_forces(context)),
-        "torques": TORQUE.size * len(context.touchable),
-    }
+    entries = _entries(context)
+    return {part: each.size * len(entries[field]) for field, (part, each) in KEPT.items()}

@@ -35,7 +35,7 @@ from distal.estimators.adaptive.touch import (
 from distal.estimators.kinematic import Downdate, along
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 from distal.kernels.layout import Layout, is_read, is_there, share_used
-from distal.model import Moment
+from distal.model import Moment, symbols
 from distal.rig import Sensor
 
 SLOW_DECLARED = 60.0
@@ -182,11 +182,10 @@ def compared(
     interval = context.number("interval")
     if force is not None:
         interval = 1.0 / context.number(f"{context.path(force)}.rate")
+    slow, compare = SLOW_UNKNOWN, _unknown
     if context.declares_friction(index):
-        return _declared(
-            context, motion_of(drive, noise, dt, SLOW_DECLARED), residual, interval, dt
-        )
-    return _unknown(context, motion_of(drive, noise, dt, SLOW_UNKNOWN), residual, interval, dt)
+        slow, compare = SLOW_DECLARED, _declared
+    return compare(context, motion_of(drive, noise, dt, slow), residual, interval, dt)
 
 
 def _slipping(residual: Residual, direction: Scalar, doubt: Scalar) -> tuple[Scalar, Scalar]:
@@ -323,18 +322,31 @@ def measurement_rows_of(
         x: the sample.
     """
     context = states.context
-    mechanism = states.context.mechanism
-    nj = states.context.n_joints
+    mechanism = context.mechanism
+    nj = context.n_joints
     q = states.coordinates(state, tracks.positions)
     v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
 
-    def read(sensor: Sensor) -> Scalar:
-        value = context.value(x, sensor)
-        return value - states.added(("reading", sensor.name), state, value)
-
     rows = []
+
+    def compare(
+        sensor: Sensor,
+        expected: Scalar,
+        spread: Scalar = 0,
+        free: Scalar = 1,
+        friction: tuple[Scalar, Scalar, int | None] = (0, 0, None),
+        trusted: bool = False,
+    ) -> None:
+        value = context.value(x, sensor)
+        residual = value - states.added(("reading", sensor.name), state, value) - expected
+        variance = context.noise(sensor) + spread
+        mask = context.mask(x, sensor) * free
+        rows.append(
+            MeasurementRow(sensor.name, residual, variance, mask, *friction, trusted=trusted)
+        )
+
     for i, drive in enumerate(mechanism.rig.drives):
         sensor = context.force_sensor(i)
         body = nj + i
@@ -360,36 +372,23 @@ def measurement_rows_of(
                 )
             )
             continue
-        noise = context.noise(sensor)
-        mask = context.mask(x, sensor) * free
         transmitted = states.transmitted(i)
-        if transmitted is not None:
-            damped = dampings[body] * rates[i]
-            rows.append(
-                MeasurementRow(
-                    sensor.name,
-                    state[transmitted] - (expected - damped),
-                    TIE**2 * noise + spread,
-                    mask,
-                )
-            )
+        if transmitted is None:
+            compare(sensor, expected, spread, free, friction)
             continue
-        residual = read(sensor) - expected
-        rows.append(MeasurementRow(sensor.name, residual, noise + spread, mask, *friction))
+        residual = state[transmitted] - (expected - dampings[body] * rates[i])
+        variance = TIE**2 * context.noise(sensor) + spread
+        mask = context.mask(x, sensor) * free
+        rows.append(MeasurementRow(sensor.name, residual, variance, mask))
     tendons = mechanism.rig.tendon_names
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
-        spread = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
-        residual = read(sensor) - tensions[t]
-        rows.append(MeasurementRow(sensor.name, residual, spread, context.mask(x, sensor)))
+        spread = tension_slopes[t, body] ** 2 * tracks[body - nj].variance
+        compare(sensor, tensions[t], spread)
     moment = Moment(mechanism, q, v, tensions, pulls)
     for sensor in context.channels.angles:
-        residual = read(sensor) - moment.read(sensor)
-        noise = context.noise(sensor)
-        rows.append(
-            MeasurementRow(sensor.name, residual, noise, context.mask(x, sensor), trusted=True)
-        )
+        compare(sensor, moment.read(sensor), trusted=True)
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
@@ -399,7 +398,7 @@ def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Sca
     """Return 1 where the `position` of a drive is certainly not at a stop, since the contact force
     there is unknown, else 0: (17).
     """
-    part = context.mechanism.rig.drives[drive]
+    part = context.rig.drives[drive]
     sensor = context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
@@ -441,23 +440,20 @@ class Rows:
     def of(cls, states: StateVector) -> Rows:
         """Return the rows of a state vector."""
         context = states.context
-        state = ca.SX.sym("state", len(states))
-        vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
-        rates = ca.SX.sym("rates", context.n_drives)
-        x = ca.SX.sym("x", context.width)
+        n = context.n_drives
+        sizes = {"state": len(states), "tracks": Tracks.size(n), "rates": n, "x": context.width}
+        inputs = symbols(ca.SX, **sizes)
+        state, vector, rates, x = inputs
         rows = measurement_rows_of(states, state, Tracks(vector), rates, x)
         outputs = dict[str, ca.SX]()
         for k, row in enumerate(rows):
-            values = {part: ca.SX(vars(row)[part]) for part in ROW.names}
-            outputs[f"values_{k}"] = ROW.joined(**values)
+            parts = {part: ca.SX(vars(row)[part]) for part in ROW.names}
+            outputs[f"values_{k}"] = ROW.joined(**parts)
             for part in SLOPED:
-                outputs[f"{part}_{k}"] = ca.sparsify(ca.jacobian(values[part], state)).T
-        arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
-        inputs = ["state", "tracks", "rates", "x", "p"]
-        return cls(
-            rows,
-            ca.Function("rows", arguments, ca.cse(list(outputs.values())), inputs, list(outputs)),
-        )
+                outputs[f"{part}_{k}"] = ca.sparsify(ca.jacobian(parts[part], state)).T
+        arguments = [*inputs, context.mechanism.parameters.symbols]
+        values = ca.cse(list(outputs.values()))
+        return cls(rows, ca.Function("rows", arguments, values, [*sizes, "p"], list(outputs)))
 
     def at(
         self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode
@@ -524,10 +520,9 @@ def updated(
     prior = prediction.state
     covariance = Downdate(prediction.covariance)
     tracks = interval.tracks
-    x = interval.x
     p = interval.p
     dt = interval.x[0]
-    rows = Rows.of(states).at(prior, tracks, rates, x, p)
+    rows = Rows.of(states).at(prior, tracks, rates, interval.x, p)
     mean = prior
     innovations = list[ScalarNode]()
     spreads = list[ScalarNode]()
@@ -590,15 +585,14 @@ def updated(
             kept.forces[row.name] = {part: outputs[part] for part in FORCE.names}
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
-        innovations.append(shown)
-        spreads.append(spread + variance)
+        if row.measured:
+            innovations.append(shown)
+            spreads.append(spread + variance)
     if kept.torques:
         # nor do other constants (biases, zeros) change while something touches a joint
         mean[fixed] += touched * (prior[fixed] - mean[fixed])
     open_torques(states, evidence, kept, mean, interval)
-    measured = [k for k, at in enumerate(rows) if at.row.measured]
-    y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance.matrix(), y
+    return mean, covariance.matrix(), ca.vertcat(*innovations, *spreads)
 
 
 def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function:
@@ -609,10 +603,9 @@ def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function
             and `track` is of its drive, zeros where it has none.
     """
     context = states.context
-    values = ca.SX.sym("values", ROW.size)
-    since = ca.SX.sym("since", SINCE.size)
-    track = ca.SX.sym("track", len(TRACKED))
-    dt = ca.SX.sym("dt")
+    sizes = {"values": ROW.size, "since": SINCE.size, "track": len(TRACKED), "dt": 1}
+    inputs = symbols(ca.SX, **sizes)
+    values, since, track, dt = inputs
     prior = ROW.parts(values)
     change = SINCE.parts(since)
     residual, limit, asymmetry = (prior[part] + change[part] for part in SLOPED)
@@ -631,9 +624,9 @@ def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function
         )
         comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), frictionless, dt)
     parts = {name: ca.densify(ca.SX(part)) for name, part in vars(comparison).items()}
-    arguments = [values, since, track, dt, context.mechanism.parameters.symbols]
-    names = ["values", "since", "track", "dt", "p"]
-    return ca.Function("compare", arguments, ca.cse(list(parts.values())), names, list(parts))
+    arguments = [*inputs, context.mechanism.parameters.symbols]
+    outputs = ca.cse(list(parts.values()))
+    return ca.Function("compare", arguments, outputs, [*sizes, "p"], list(parts))
 
 
 def weights(robustness: Robustness, trusted: bool) -> ca.Function:
@@ -642,11 +635,10 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
 
     A row that does not count (its drive is at a stop) reports NaN as its innovation.
     """
-    spread, innovation, mask, counts = (ca.SX.sym(name) for name in ("S", "nu", "mask", "counts"))
+    inputs = symbols(ca.SX, S=1, nu=1, mask=1, counts=1)
+    spread, innovation, mask, counts = inputs
     positive = ca.fmax(spread, SMALLEST_VARIANCE)
     robust = positive if trusted else robust_variance(robustness, positive, innovation)
     weight = share_used(mask) / robust
     shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
-    return ca.Function(
-        "weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown]
-    )
+    return ca.Function("weights", inputs, [weight, ca.sqrt(weight), shown])

@@ -10,7 +10,6 @@ are measured. docs/results/reproduction.md says which equation is where.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -21,18 +20,26 @@ from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import (
     UNKNOWN_POSITION,
     Belief,
-    Channels,
     KernelEstimator,
     StateKind,
     channels_of,
     sensor_for,
 )
 from distal.estimators.kinematic import error_of, first_drives, symmetric
-from distal.expressions import Matrix, MatrixNode, Vector
+from distal.expressions import Matrix, Vector
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen
-from distal.model import Kick, Mechanism, kick_and_drift, responses, substeps
-from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
+from distal.model import (
+    Kick,
+    Mechanism,
+    Moment,
+    dense_function,
+    kick_and_drift,
+    responses,
+    substeps,
+    symbols,
+)
+from distal.rig import Rig, angle_names, speed_names
 from distal.sensor_errors import variance
 
 
@@ -128,13 +135,10 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     n = mechanism.n_bodies
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
     p = mechanism.parameters.symbols
-    q, v, effort = (ca.SX.sym(name, n) for name in ("q", "v", "effort"))
-    length = ca.SX.sym("length")
-    drift = ca.SX.sym("drift")
-    symbols = q, v, effort, ca.SX.sym("response", n, 4), length, drift
-    kick = Kick(*symbols)
+    of_kick = symbols(ca.SX, q=n, v=n, effort=n, response=(n, 4), length=1, drift=1)
+    kick = Kick(*of_kick)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
-    inputs = [*symbols, p]
+    inputs = [*of_kick, p]
     moving = _step(
         "substep", mechanism, _linearised("kick", mechanism, inputs, v_moved, q_moved), True
     )
@@ -144,34 +148,23 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
         _linearised("half_kick", mechanism, inputs, kick_and_drift(mechanism, kick, last=True)[1]),
         False,
     )
-    prepared = ca.Function(
-        "responses", [length, drift, p], [responses(mechanism, length, drift, rebounds=False)]
-    )
+    step = kick.length, kick.drift
+    prepared = ca.Function("responses", [*step, p], [responses(mechanism, *step, rebounds=False)])
 
-    q, v, effort, effort_end = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "effort_end"))
-    dt = ca.MX.sym("dt")
-    p = ca.MX.sym("p", p.numel())
+    inputs = symbols(ca.MX, q=n, v=n, effort=n, effort_end=n, dt=1, p=p.numel())
+    q, v, effort, effort_end, dt, p = inputs
     h = dt / count
-    half = prepared(h / 2, h, p)
-    full = prepared(h, h, p)
+    half = prepared(h / 2, h, p), h / 2
+    full = prepared(h, h, p), h
     # transposed: the slopes of one body lie side by side, so that a processor takes several at once
     identity = ca.DM.eye(columns)
     s_q = ca.MX(ca.densify(identity[:, :n]))
     s_v = ca.MX(ca.densify(identity[:, n : 2 * n]))
-    q_next = q
-    v_next = v
-    for i in range(count):
+    for i, step in enumerate([half] + [full] * (count - 1)):
         pull = effort + (i / count) * (effort_end - effort)
-        step = (half, h / 2) if i == 0 else (full, h)
-        q_next, v_next, s_q, s_v = moving(q_next, v_next, s_q, s_v, pull, *step, h, p)
-    v_last, s_v = closing(q_next, v_next, s_q, s_v, effort_end, half, h / 2, h, p)
-    return ca.Function(
-        "tangent_interval",
-        [q, v, effort, effort_end, dt, p],
-        [q_next, v_last, ca.horzcat(s_q, s_v).T],
-        ["q", "v", "effort", "effort_end", "dt", "p"],
-        ["q_next", "v_next", "S"],
-    )
+        q, v, s_q, s_v = moving(q, v, s_q, s_v, pull, *step, h, p)
+    v, s_v = closing(q, v, s_q, s_v, effort_end, *half, h, p)
+    return ca.Function("tangent_interval", inputs, [q, v, ca.horzcat(s_q, s_v).T])
 
 
 def _linearised(
@@ -196,31 +189,31 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
     """
     n = mechanism.n_bodies
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
-    q, v, effort, response = (
-        ca.MX.sym(x, n, k) for x, k in (("q", 1), ("v", 1), ("effort", 1), ("response", 4))
+    slopes = (columns, n)
+    inputs = symbols(
+        ca.MX,
+        q=n,
+        v=n,
+        s_q=slopes,
+        s_v=slopes,
+        effort=n,
+        response=(n, 4),
+        length=1,
+        drift=1,
+        p=kick.size1_in(6),
     )
-    s_q, s_v = (ca.MX.sym(x, columns, n) for x in ("s_q", "s_v"))
-    length = ca.MX.sym("length")
-    drift = ca.MX.sym("drift")
-    p = ca.MX.sym("p", kick.size1_in(6))
-    by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
-    following = _chained((by_q, by_v, by_effort), s_q, s_v)
+    q, v, s_q, s_v, *acting, drift, p = inputs
+    by_q, by_v, by_effort, v_next, *moved = kick(q, v, *acting, drift, p)
+    # S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort, transposed
+    flat = ca.vec(ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(*slopes))))
+    rows, bodies = by_effort.sparsity().get_triplet()
+    at = [2 * n + row + columns * body for row, body in zip(rows, bodies)]
+    flat[at] = flat[at] + ca.vertcat(*(by_effort.nz[k] for k in range(len(at))))
+    following = ca.reshape(flat, *slopes)
     outputs = (
         [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
     )
-    return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
-
-
-def _chained(slopes: tuple[MatrixNode, ...], s_q: MatrixNode, s_v: MatrixNode) -> MatrixNode:
-    """Return the transposed S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort."""
-    columns, n = s_q.shape
-    by_q, by_v, by_effort = slopes
-    following = ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(columns, n)))
-    rows, bodies = by_effort.sparsity().get_triplet()
-    at = [2 * n + row + columns * body for row, body in zip(rows, bodies)]
-    flat = ca.vec(following)
-    flat[at] = flat[at] + ca.vertcat(*(by_effort.nz[k] for k in range(len(at))))
-    return ca.reshape(flat, columns, n)
+    return ca.Function(name, inputs, outputs)
 
 
 @dataclass(frozen=True)
@@ -240,97 +233,12 @@ class Noise:
     initial: Floats
 
 
-def full_state_function(mechanism: Mechanism, channels: Channels, count: int) -> ca.Function:
-    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of an extended Kalman filter
-    with state (q, v).
+class FullStateFilter(KernelEstimator):
+    """An extended Kalman filter whose state is (q, v) of the whole mechanism.
 
     The kernel state is (mean, covariance, last pulls); p = (parameters, input, process and
-    measurement variances). Over an interval, of `count` sub-steps, a pull goes in a
-    straight line from its last value to the new one; a missing one keeps its last value.
-    """
-    nb = mechanism.n_bodies
-    nd = mechanism.n_drives
-    nj = mechanism.n_joints
-    n = 2 * nb
-    measured = [*channels.positions, *channels.tensions]
-    m = len(measured)
-    width = len(channels.names)
-    layout = kernel_state_layout(n, pulls=nd)
-    kernel_state = ca.MX.sym("kernel_state", layout.size)
-    x = ca.MX.sym("x", 1 + 2 * width)
-    of = Layout(model=len(mechanism.parameters), inputs=nd, process=n, measurements=m)
-    p = ca.MX.sym("p", of.size)
-    model, *variances = of.parts(p).values()
-    mean, covariance, held = layout.parts(kernel_state).values()
-    dt = x[0]
-    values = x[1 : 1 + width]
-    mask = x[1 + width :]
-
-    pulls = [held[i] for i in range(nd)]
-    drives = mechanism.rig.drive_names
-    for sensor in channels.forces:
-        i = drives.index(sensor.of)
-        k = channels.names.index(sensor.name)
-        pulls[i] = mask[k] * values[k] + (1 - mask[k]) * held[i]
-    pull = ca.vertcat(*pulls)
-    before, after = (ca.vertcat(ca.MX.zeros(nj), pulls) for pulls in (held, pull))
-    q_next, v_next, slopes = tangent_step(mechanism, count)(
-        mean[:nb], mean[nb:], before, after, dt, model
-    )
-    arguments = q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, *variances
-    mean, covariance, *y = _update_function(mechanism, measured)(*arguments)
-    following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
-    return ca.Function("full_state", [kernel_state, x, p], [following, ca.vertcat(*y)])
-
-
-def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Function:
-    """Return prediction of the covariance and update as one scalar function."""
-    nb = mechanism.n_bodies
-    nd = mechanism.n_drives
-    n = 2 * nb
-    m = len(measured)
-    p = mechanism.parameters.symbols
-    q = ca.SX.sym("q", nb)
-    v = ca.SX.sym("v", nb)
-    slopes = ca.SX.sym("slopes", n, n + nd)
-    covariance = ca.SX.sym("P", n, n)
-    dt = ca.SX.sym("dt")
-    values = ca.SX.sym("z", m)
-    mask = ca.SX.sym("mask", m)
-    q_u = ca.SX.sym("q_u", nd)
-    q_x = ca.SX.sym("q_x", n)
-    r = ca.SX.sym("r", m)
-    state = ca.vertcat(q, v)
-    predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n:], q_u, q_x * dt)
-    expected = expected_measurements(mechanism, measured, q, v)
-    updated = update(state, predicted, values - expected, ca.jacobian(expected, state), r, mask)
-    arguments = [q, v, slopes, covariance, dt, values, mask, p, q_u, q_x, r]
-    return ca.Function("update", arguments, ca.cse([ca.densify(part) for part in updated]))
-
-
-def expected_measurements(
-    mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector
-) -> Vector:
-    """Return h(x), what position and tension sensors should read at q and v: s + bias, and gain · T
-    + bias.
-    """
-    rig = mechanism.rig
-    expected = []
-    drives = rig.drive_names
-    tendons = rig.tendon_names
-    for sensor in measured:
-        if sensor.measures == "position":
-            body = mechanism.n_joints + drives.index(sensor.of)
-            expected.append(q[body] + sensor.bias.value)
-        else:
-            tension = mechanism.tensions(q, v)[tendons.index(sensor.of)]
-            expected.append(gain_of(sensor).value * tension + sensor.bias.value)
-    return ca.vertcat(*expected)
-
-
-class FullStateFilter(KernelEstimator):
-    """An extended Kalman filter whose state is (q, v) of the whole mechanism; see
-    `full_state_function`.
+    measurement variances). Over an interval a pull goes in a straight line from its last value to
+    the new one; a missing one keeps its last value.
 
     Args:
         name: of the estimator.
@@ -358,12 +266,13 @@ class FullStateFilter(KernelEstimator):
         self._channels = channels_of(rig, name)
         self._noise = noise
         self._passes = passes
-        self._count = substeps(self._mechanism, self._channels.interval)
         channels = self._channels
-        kernel = Kernel(full_state_function(self._mechanism, channels, self._count), compiled)
+        self._measured = (*channels.positions, *channels.tensions)
+        self._count = substeps(self._mechanism, channels.interval)
+        kernel = Kernel(self._function(), compiled)
         parameters = self._mechanism.parameters.values
         p = np.concatenate([parameters, noise.inputs, noise.process, noise.measurements])
-        measured = tuple(sensor.name for sensor in (*channels.positions, *channels.tensions))
+        measured = tuple(sensor.name for sensor in self._measured)
         super().__init__(
             name, rig, kernel, p, channels=channels, state_names=state_names(rig), measured=measured
         )
@@ -372,6 +281,66 @@ class FullStateFilter(KernelEstimator):
         angles, speeds = ((kind,) * len(joints) for kind in (StateKind.ANGLE, StateKind.SPEED))
         self.state_kinds = (*angles, *others, *speeds, *others)
         self.state_parts = (*joints, *drives, *joints, *drives)
+
+    def _function(self) -> ca.Function:
+        """Return the function (kernel_state, x, p) → (kernel_state⁺, y)."""
+        mechanism = self._mechanism
+        nb = mechanism.n_bodies
+        nd = mechanism.n_drives
+        nj = mechanism.n_joints
+        n = 2 * nb
+        channels = self._channels
+        m = len(self._measured)
+        layout = kernel_state_layout(n, pulls=nd)
+        of = Layout(model=len(mechanism.parameters), inputs=nd, process=n, measurements=m)
+        inputs = symbols(ca.MX, kernel_state=layout.size, x=channels.row.size, p=of.size)
+        kernel_state, x, p = inputs
+        model, *variances = of.parts(p).values()
+        mean, covariance, held = layout.parts(kernel_state).values()
+        dt, values, mask = channels.row.parts(x).values()
+
+        pulls = [held[i] for i in range(nd)]
+        drives = mechanism.rig.drive_names
+        for sensor in channels.forces:
+            i = drives.index(sensor.of)
+            k = channels.names.index(sensor.name)
+            pulls[i] = mask[k] * values[k] + (1 - mask[k]) * held[i]
+        pull = ca.vertcat(*pulls)
+        before, after = (ca.vertcat(ca.MX.zeros(nj), pulls) for pulls in (held, pull))
+        q_next, v_next, slopes = tangent_step(mechanism, self._count)(
+            mean[:nb], mean[nb:], before, after, dt, model
+        )
+        arguments = q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, *variances
+        mean, covariance, *y = self._update_function()(*arguments)
+        following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
+        return ca.Function("full_state", inputs, [following, ca.vertcat(*y)])
+
+    def _update_function(self) -> ca.Function:
+        """Return prediction of the covariance and update as one scalar function."""
+        mechanism = self._mechanism
+        nb = mechanism.n_bodies
+        nd = mechanism.n_drives
+        n = 2 * nb
+        m = len(self._measured)
+        p = mechanism.parameters.symbols
+        before = symbols(ca.SX, q=nb, v=nb, slopes=(n, n + nd), P=(n, n), dt=1, z=m, mask=m)
+        q, v, slopes, covariance, dt, values, mask = before
+        variances = symbols(ca.SX, q_u=nd, q_x=n, r=m)
+        q_u, q_x, r = variances
+        state = ca.vertcat(q, v)
+        predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n:], q_u, q_x * dt)
+        expected = self._expected(q, v)
+        updated = update(state, predicted, values - expected, ca.jacobian(expected, state), r, mask)
+        return dense_function("update", [*before, p, *variances], updated)
+
+    def _expected(self, q: Vector, v: Vector) -> Vector:
+        """Return h(x), what position and tension sensors should read at q and v: s + bias, and T +
+        bias.
+        """
+        mechanism = self._mechanism
+        efforts = ca.SX(mechanism.n_bodies, 1)
+        moment = Moment(mechanism, q, v, mechanism.tensions(q, v), efforts)
+        return ca.vertcat(*(moment.read(sensor) + sensor.bias.value for sensor in self._measured))
 
     def beginning(self, times: Floats, samples: Floats) -> Belief:
         """Return the belief before the first sample of a log, whose covariance is the last one of
@@ -395,14 +364,12 @@ class FullStateFilter(KernelEstimator):
         """Return the function (values, mask, p) → (mean, covariance's diagonal, memory) before the
         first sample.
         """
-        values, mask = (ca.SX.sym(name, len(self._channels.names)) for name in ("values", "mask"))
+        inputs = self._first_sample()
+        values, mask, _ = inputs
         positions, pulls = first_drives(self.rig, self._channels, values, mask)
         angles = ca.DM([joint.initial.value for joint in self.rig.joints])
         mean = ca.vertcat(angles, positions, ca.SX.zeros(self._mechanism.n_bodies))
-        p = ca.SX.sym("p", len(self._p))
-        return ca.Function(
-            "prior", [values, mask, p], [mean, ca.SX(ca.DM(self._noise.initial)), pulls]
-        )
+        return ca.Function("prior", inputs, [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
 
 
 def state_names(rig: Rig) -> tuple[str, ...]:
@@ -425,7 +392,6 @@ def rig_noise(rig: Rig) -> Noise:
     The process noise is zero.
     """
     channels = channels_of(rig, "ekf")
-    mechanism = Mechanism(rig)
     forces = [(drive, sensor_for(channels.forces, drive.name)) for drive in rig.drives]
     inputs = [
         drive.nominal_force.std**2 if sensor is None else variance(sensor)
@@ -433,14 +399,7 @@ def rig_noise(rig: Rig) -> Noise:
     ]
     measured = (*channels.positions, *channels.tensions)
     measurements = np.array([error_of(sensor) for sensor in measured])
-    initial = _initial_variances(rig, channels, mechanism)
-    return Noise(np.array(inputs), np.zeros(2 * mechanism.n_bodies), measurements, initial)
-
-
-def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Floats:
-    """Return the variances of (q, v) before the first sample: the joint's from the rig, a drive's
-    from its sensor.
-    """
+    # a joint's from the rig, a drive's from its sensor
     angles = [joint.initial.std for joint in rig.joints]
     positions = []
     for drive in rig.drives:
@@ -451,8 +410,9 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
             positions.append((drive.stops[1] - drive.stops[0]) / np.sqrt(12.0))
         else:
             positions.append(UNKNOWN_POSITION[drive.kind])
-    turns = [True] * mechanism.n_joints + [drive.kind == "capstan" for drive in rig.drives]
-    return np.array([*angles, *positions, *(START_SPEED[turning] for turning in turns)]) ** 2
+    turns = [True] * len(angles) + [drive.kind == "capstan" for drive in rig.drives]
+    initial = np.array([*angles, *positions, *(START_SPEED[turning] for turning in turns)]) ** 2
+    return Noise(np.array(inputs), np.zeros(len(initial)), measurements, initial)
 
 
 START_SPEED = {True: 0.5, False: 0.005}
@@ -461,23 +421,20 @@ START_SPEED = {True: 0.5, False: 0.005}
 """
 
 
-def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> Noise:
-    """Return the variances of `ekf-2008`: Q = q·I per nominal interval, R = r·I, P0 = p0·I, all in
-    SI.
+def paper_noise(rig: Rig) -> Noise:
+    """Return the variances of `ekf-2008`: Q = 0.001·I per nominal interval, R = 1e-9·I, P0 = I, all
+    in SI.
 
     The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32
     mm, three times its travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares
     the readings.
     """
     channels = channels_of(rig, "ekf-2008")
-    mechanism = Mechanism(rig)
-    n = 2 * mechanism.n_bodies
+    drives = len(rig.drives)
+    n = 2 * (len(rig.joints) + drives)
     m = len(channels.positions) + len(channels.tensions)
     return Noise(
-        np.zeros(mechanism.n_drives),
-        np.full(n, q / channels.interval),
-        np.full(m, r),
-        np.full(n, p0),
+        np.zeros(drives), np.full(n, 1e-3 / channels.interval), np.full(m, 1e-9), np.ones(n)
     )
 
 
