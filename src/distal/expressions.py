@@ -1,5 +1,5 @@
 """Names for the types of CasADi's expressions in signatures: a number, a column or a matrix; and
-the rotation matrix, which sensors and links have in common.
+what all functions are made with: their symbols, their outputs, and rotation matrices.
 
 CasADi has two kinds of expressions. In an `SX` every entry is an expression of its own: the model
 is written in them. In an `MX` a whole matrix is one node of the graph: the filters join their
@@ -43,3 +43,15 @@ def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
     a = ca.DM(list(axis))
     along = ca.mtimes(a, a.T)
     return along + ca.cos(angle) * (ca.DM.eye(3) - along) + ca.sin(angle) * ca.skew(a)
+
+
+def symbols(kind: type[Expression], /, **sizes: int | tuple[int, int]) -> list[Expression]:
+    """Return new symbols of a `kind` of expression, by their names and their sizes n or (rows,
+    columns).
+    """
+    return [kind.sym(name, size) for name, size in sizes.items()]
+
+
+def dense_function(name: str, inputs: Sequence[Vector], outputs: Sequence[Matrix]) -> ca.Function:
+    """Return a function whose outputs have all their entries, and which computes nothing twice."""
+    return ca.Function(name, inputs, ca.cse([ca.densify(output) for output in outputs]))

@@ -32,7 +32,7 @@ from scipy.linalg import block_diag
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, EstimationError
-from distal.expressions import Vector
+from distal.expressions import Vector, symbols
 from distal.kernels import (
     Advanced,
     Evaluation,
@@ -48,7 +48,6 @@ from distal.kernels import (
 )
 from distal.kernels.layout import MISSING, bridge
 from distal.logs import LARGEST_READING, frozen
-from distal.model import symbols
 from distal.rig import (
     Rig,
     Role,

@@ -25,10 +25,10 @@ from distal.estimators.estimator_protocol import (
     KernelEstimator,
     channels_of,
 )
+from distal.expressions import symbols
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
-from distal.model import symbols
 from distal.parallel import one_blas_thread
 from distal.regression import (
     JudgedJumps,

@@ -22,7 +22,6 @@ from distal.model.friction import (
     soft_moments,
 )
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
-from distal.model.parameters import dense_function, symbols
 from distal.model.stepping import (
     RESOLUTION,
     Contacts,
@@ -52,7 +51,6 @@ __all__ = [
     "Slip",
     "clip_moments",
     "damped_inertias",
-    "dense_function",
     "free_response",
     "impulses",
     "interval_step",
@@ -70,5 +68,4 @@ __all__ = [
     "stiffest_frequency",
     "stretched",
     "substeps",
-    "symbols",
 ]

@@ -23,8 +23,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from distal.expressions import Matrix, Scalar, Vector, rotation
-from distal.model.parameters import Parameters, symbols
+from distal.expressions import Matrix, Scalar, Vector, rotation, symbols
+from distal.model.parameters import Parameters
 from distal.rig import Rig
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.expressions import Expression, Matrix, Scalar, Vector
+from distal.expressions import Scalar, Vector
 from distal.rig import Parameter, Rig, part_at
 
 _NO_PARAMETERS = frozenset({"initial", "nominal_force", "settled", "axis", "range"})
@@ -40,18 +40,6 @@ class Derived:
 
 
 NOTHING_DERIVED = Derived({})
-
-
-def symbols(kind: type[Expression], /, **sizes: int | tuple[int, int]) -> list[Expression]:
-    """Return new symbols of a `kind` of expression, by their names and their sizes n or (rows,
-    columns).
-    """
-    return [kind.sym(name, size) for name, size in sizes.items()]
-
-
-def dense_function(name: str, inputs: Sequence[Vector], outputs: Sequence[Matrix]) -> ca.Function:
-    """Return a function whose outputs have all their entries, and which computes nothing twice."""
-    return ca.Function(name, inputs, ca.cse([ca.densify(output) for output in outputs]))
 
 
 class Parameters:

@@ -27,7 +27,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.expressions import Matrix, Scalar, Vector
+from distal.expressions import Matrix, Scalar, Vector, symbols
 from distal.model.chain import Slip, slipping, solver
 from distal.model.friction import (
     Flight,
@@ -42,7 +42,6 @@ from distal.model.friction import (
     velocity_in_stops,
 )
 from distal.model.mechanism import Mechanism
-from distal.model.parameters import symbols
 
 SHORTEST_KICK = 1e-15
 """Least length of a kick, by which changes of velocities are divided [s]. Source: rounding (a

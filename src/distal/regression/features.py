@@ -15,10 +15,9 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Expression, ScalarNode, Vector, VectorNode
+from distal.expressions import Expression, ScalarNode, Vector, VectorNode, symbols
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.kernels.layout import is_read, is_there, rows_left
-from distal.model import symbols
 from distal.rig import HALF_WIDTHS, IN_RADIAL, TIME_CONSTANTS, LearnedMap
 
 WILD = 4.8916

@@ -12,10 +12,9 @@ from functools import lru_cache, reduce
 
 import casadi as ca
 
-from distal.expressions import VectorNode
+from distal.expressions import VectorNode, symbols
 from distal.kernels import Layout
 from distal.kernels.layout import is_read
-from distal.model import symbols
 from distal.regression.features import (
     JudgedJumps,
     Shape,

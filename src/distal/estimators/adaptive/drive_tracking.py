@@ -29,9 +29,8 @@ from distal.estimators.adaptive.guards import (
 )
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
-from distal.expressions import Expression, Scalar, ScalarNode, VectorNode
+from distal.expressions import Expression, Scalar, ScalarNode, VectorNode, dense_function, symbols
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
-from distal.model import dense_function, symbols
 from distal.regression import MOST_EVIDENCE, added
 from distal.rig import Rig, Sensor
 from distal.sensor_errors import variance

@@ -32,9 +32,8 @@ from distal.estimators.adaptive.touch import (
 )
 from distal.estimators.adaptive.update import depths_in_stops, updated
 from distal.estimators.estimator_protocol import Channels
-from distal.expressions import MatrixNode, VectorNode
+from distal.expressions import MatrixNode, VectorNode, symbols
 from distal.kernels import Indices, Layout, PlacedKernel, kernel_state_layout, side_by_side
-from distal.model import symbols
 from distal.rig import Sensor, Subsystem, independent_parts
 
 

@@ -15,8 +15,8 @@ from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, ha
 from distal.estimators.adaptive.guards import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
 from distal.estimators.estimator_protocol import Channels
-from distal.expressions import MatrixNode, VectorNode
-from distal.model import Mechanism, symbols
+from distal.expressions import MatrixNode, VectorNode, symbols
+from distal.model import Mechanism
 from distal.model.parameters import Derived
 from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_errors import quantisation_variance

@@ -23,20 +23,26 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.states import StateVector
-from distal.expressions import Matrix, MatrixNode, Scalar, Vector, VectorNode
+from distal.expressions import (
+    Matrix,
+    MatrixNode,
+    Scalar,
+    Vector,
+    VectorNode,
+    dense_function,
+    symbols,
+)
 from distal.model import (
     Contacts,
     Kick,
     Limit,
     Slip,
     damped_inertias,
-    dense_function,
     kicked_chain,
     loads_of,
     residual,
     soft_moments,
     solver,
-    symbols,
 )
 
 

@@ -24,9 +24,18 @@ from distal.estimators.adaptive.joint_motion import Moved
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import StateKind
 from distal.estimators.kinematic import Downdate, along, symmetric
-from distal.expressions import Matrix, MatrixNode, Scalar, ScalarNode, Vector, VectorNode
+from distal.expressions import (
+    Matrix,
+    MatrixNode,
+    Scalar,
+    ScalarNode,
+    Vector,
+    VectorNode,
+    dense_function,
+    symbols,
+)
 from distal.kernels.layout import is_read, is_there
-from distal.model import clip_moments, dense_function, symbols
+from distal.model import clip_moments
 
 SURE = 3.0
 """Number of stds of its sensor that is added to a force to have its largest possible value [1].

@@ -29,8 +29,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.estimator_protocol import StateKind
-from distal.expressions import Scalar, Vector
-from distal.model import Mechanism, symbols
+from distal.expressions import Scalar, Vector, symbols
+from distal.model import Mechanism
 from distal.rig import (
     Rig,
     Sensor,

@@ -21,9 +21,8 @@ from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import TOUCHED
-from distal.expressions import ScalarNode, VectorNode
+from distal.expressions import ScalarNode, VectorNode, symbols
 from distal.kernels.layout import Layout
-from distal.model import symbols
 from distal.rig import Sensor
 
 EVIDENCE_TIME = 0.05

@@ -33,9 +33,9 @@ from distal.estimators.adaptive.touch import (
     open_torques,
 )
 from distal.estimators.kinematic import Downdate, along
-from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
+from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode, symbols
 from distal.kernels.layout import Layout, is_read, is_there, share_used
-from distal.model import Moment, symbols
+from distal.model import Moment
 from distal.rig import Sensor
 
 SLOW_DECLARED = 60.0

@@ -26,19 +26,10 @@ from distal.estimators.estimator_protocol import (
     sensor_for,
 )
 from distal.estimators.kinematic import error_of, first_drives, symmetric
-from distal.expressions import Matrix, Vector
+from distal.expressions import Matrix, Vector, dense_function, symbols
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen
-from distal.model import (
-    Kick,
-    Mechanism,
-    Moment,
-    dense_function,
-    kick_and_drift,
-    responses,
-    substeps,
-    symbols,
-)
+from distal.model import Kick, Mechanism, Moment, kick_and_drift, responses, substeps
 from distal.rig import Rig, angle_names, speed_names
 from distal.sensor_errors import variance
 
