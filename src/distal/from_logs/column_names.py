@@ -99,10 +99,7 @@ EVIDENCE: Mapping[str, Mapping[Role, float]] = {
     "place": {"position": 1.2},
     "drive": {"position": 1.5, "angle": -9.0},
     "proximal": {"position": 1.5, "angle": -9.0},
-    "force": {"effort": 3.0, "angle": -3.0},
-    "torque": {"effort": 3.0, "angle": -3.0},
-    "current": {"effort": 3.0, "angle": -3.0},
-    "effort": {"effort": 3.0, "angle": -3.0},
+    **{of: {"effort": 3.0, "angle": -3.0} for of in ("force", "torque", "current", "effort")},
     "angle": {"angle": 3.0, "position": 1.0},
     "truth": {"angle": 3.0, "effort": -9.0},
     "joint": {"angle": 3.0, "position": -1.5},
@@ -211,6 +208,16 @@ class NameEvidence:
     unknown_unit: str = ""
 
     @property
+    def best(self) -> Role:
+        """The role for which it speaks most."""
+        return max(ROLES, key=lambda role: self.scores[role])
+
+    @property
+    def margin(self) -> float:
+        """How much more it speaks for a position than for an angle."""
+        return self.scores["position"] - self.scores["angle"]
+
+    @property
     def kind_of_name(self) -> tuple[object, ...]:
         """What it shares with columns of the same kind: what is measured and how many words there
         are, else its words without numbers.
@@ -226,6 +233,10 @@ class NameEvidence:
     def says_nothing(self) -> bool:
         """Whether neither a word nor a unit is known."""
         return not self.kinds and self.unit is None and not self.unknown_unit
+
+
+Names = Mapping[str, NameEvidence]
+"""Header of a column → what its name says."""
 
 
 def words_of(header: str) -> list[str]:
@@ -260,6 +271,7 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
     match = _BRACKETS.match(header)
     base, bracket = (match[1], match[2]) if match and match[1] else (header, "")
     unit, si = _unit(bracket)
+    unknown = bracket if unit is None and _LIKE_UNIT.fullmatch(bracket) else ""
     ending = _ENDING.match(base) if unit is None else None
     at_end = SPELLED.get(ending[2].lower()) if ending else None
     letters = {h[-1] for h in others if h[:-1] == header[:-1]}
@@ -283,8 +295,7 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
     ]
     # the last part of a path that says whose a column is counts, and the last that says what;
     # of each kind once: /actuator_states/actuator_currents is of an actuator as currents are
-    last = dict.fromkeys((False, True), 0)
-    last |= {kind in OWNERS: part for part, kind in telling if kind not in ALWAYS}
+    last = {kind in OWNERS: part for part, kind in telling if kind not in ALWAYS}
     kinds = list(
         dict.fromkeys(k for part, k in telling if k in ALWAYS or part == last[k in OWNERS])
     )
@@ -317,50 +328,47 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
         "_".join(kept),
         tuple(word for word in words if word not in kept and word not in EMPTY_WORDS),
         si != "" and (si is not None or not NO_SCALE & set(words)),
-        bracket if _unit(bracket)[0] is None and _LIKE_UNIT.fullmatch(bracket) else "",
+        unknown,
     )
 
 
-def with_families(names: Mapping[str, NameEvidence]) -> dict[str, NameEvidence]:
+def with_families(names: Names) -> Names:
     """Return what the names of columns say together.
 
     The subject of an effort or a command is a drive. Of its other columns the one that speaks most
     for a position is its position, and so is that of every other subject which is called alike.
     """
-    margins = {h: name.scores["position"] - name.scores["angle"] for h, name in names.items()}
-    best = {header: max(ROLES, key=lambda r: name.scores[r]) for header, name in names.items()}
     drives = {
         name.subject
-        for header, name in names.items()
-        if best[header] in ("effort", "command") and name.scores[best[header]] >= LIKELY
+        for name in names.values()
+        if name.best in ("effort", "command") and name.scores[name.best] >= LIKELY
     }
-    efforts = {names[header].subject for header, role in best.items() if role == "effort"}
-    movers = [
-        header
+    efforts = {name.subject for name in names.values() if name.best == "effort"}
+    movers = {
+        header: name
         for header, name in names.items()
-        if best[header] in ("position", "angle") or name.says_nothing
-    ]
-    are_named = any(margins[header] >= LIKELY for header in movers)
-    quantities = set[tuple[tuple[str, ...], str | None]]()
+        if name.best in ("position", "angle") or name.says_nothing
+    }
+    are_named = any(name.margin >= LIKELY for name in movers.values())
     of_drives = set[str]()
     for drive in drives:
         family = [
             header
-            for header in movers
-            if names[header].subject == drive
-            or (drive in efforts and _shares(names[header], drive))
+            for header, name in movers.items()
+            if name.subject == drive or (drive in efforts and _shares(name, drive))
         ]
-        chosen = max(family, key=lambda h: (margins[h], names[h].scores["position"]), default=None)
+        chosen = max(
+            family, key=lambda h: (names[h].margin, names[h].scores["position"]), default=None
+        )
         # where other columns are called positions, one that is called an angle is a joint's
-        if chosen is not None and not (are_named and margins[chosen] <= -LIKELY):
-            quantities.add((names[chosen].quantity, names[chosen].unit))
+        if chosen is not None and not (are_named and names[chosen].margin <= -LIKELY):
             of_drives.add(chosen)
+    quantities = {(names[header].quantity, names[header].unit) for header in of_drives}
     result = dict(names)
-    for header in movers:
-        name = names[header]
-        is_alike = bool(name.quantity) and (name.quantity, name.unit) in quantities
-        if (is_alike or header in of_drives) and margins[header] < SURE:
-            result[header] = as_role(name, "position")
+    for header, mover in movers.items():
+        is_alike = bool(mover.quantity) and (mover.quantity, mover.unit) in quantities
+        if (is_alike or header in of_drives) and mover.margin < SURE:
+            result[header] = as_role(mover, "position")
     angles = [header for header in movers if result[header].scores["angle"] >= LIKELY]
     references = [header for header in angles if "reference" in names[header].kinds]
     for header in references if len(angles) > len(references) else ():
@@ -471,9 +479,11 @@ class ColumnRole:
         return f"{self.header}: {self.role}{of}{unit}, {self.sureness}: {self.evidence}"
 
 
-def with_units(
-    columns: Sequence[ColumnRole], names: Mapping[str, NameEvidence], drives: Mapping[str, str]
-) -> list[ColumnRole]:
+Columns = Sequence[ColumnRole]
+"""What the columns of some logs are, in their order."""
+
+
+def with_units(columns: Columns, names: Names, drives: Mapping[str, str]) -> list[ColumnRole]:
     """Return columns with their units: as a user or the header says, else by the words of the name
     and the range of the values. The current of a drive that moves in a line becomes a force of a
     taken scale; where a header gives its unit in brackets it stays, and cannot be used.
@@ -491,13 +501,16 @@ def with_units(
     usual = {column.header: _usual_range(column.role, names[column.header]) for column in columns}
     for column in sorted(columns, key=lambda column: ROLES.index(column.role)):
         header = column.header
+        name = names[header]
         alike = [c for c in columns if c.role == column.role and usual[c.header] == usual[header]]
         width = max(each.values.width for each in alike)
         unit, si, sureness = _unit_by_size(column, usual[header], width, column.part in in_line)
         if drives.get(header):
             unit, si, sureness = _drive_unit(header, drives[header])
-        elif column.role != "other":
-            unit, si, sureness = _named_unit(column, names[header]) or (unit, si, sureness)
+        elif column.role == "effort" and not name.has_scale:
+            unit, si, sureness = "A", "A", "assumed"
+        elif column.role != "other" and name.unit is not None:
+            unit, si, sureness = name.unit, str(name.si), "sure"
         found = replace(column, unit=unit, si=si, unit_sureness=sureness)
         if column.role == "position" and si == "m":
             in_line.add(column.part)
@@ -514,13 +527,6 @@ def _as_force(column: ColumnRole) -> ColumnRole:
         return replace(column, role="other", part="")
     sureness = "a guess" if is_sure else column.unit_sureness
     return replace(column, unit=TAKEN_FORCES[column.unit], si="N", unit_sureness=sureness)
-
-
-def _named_unit(column: ColumnRole, name: NameEvidence) -> tuple[str, str, Sureness] | None:
-    """Return the unit that the name of a column says, its SI unit, and how sure that is."""
-    if column.role == "effort" and not name.has_scale:
-        return "A", "A", "assumed"
-    return None if name.unit is None else (name.unit, str(name.si), "sure")
 
 
 def _usual_range(role: Role, name: NameEvidence) -> Mapping[str, float]:
@@ -556,13 +562,6 @@ def _drive_unit(header: str, unit: str) -> tuple[str, str, Sureness]:
             f"deg, or in ticks; '{unit}' is none of these"
         )
     return unit, si, "sure"
-
-
-def in_si(column: ColumnRole, values: Floats, factor: float) -> Floats:
-    """Return a column's values without wraps, times the factor of its unit."""
-    if column.values.turn is not None:
-        values = unwrapped(values, column.values.turn)
-    return values * factor
 
 
 NORMAL_MAD = 1.4826
@@ -666,19 +665,8 @@ def _turn(columns: Sequence[Floats], width: float) -> float | None:
     wraps = steps[steps > HALF_TURN * width]
     if len(wraps) < 2:
         return None
-    usual = float(np.quantile(steps, 0.95))
+    usual = np.quantile(steps, 0.95)
     # a step across the wrap is shorter than the turn by what it would be elsewhere
-    seen = float(np.median(wraps)) + usual / 2.0
+    seen = np.median(wraps) + usual / 2.0
     turn = float(TURNS[np.argmin(np.abs(TURNS - seen))])
     return turn if abs(turn - seen) <= usual and usual < HALF_TURN * width else None
-
-
-def unwrapped(values: Floats, turn: float) -> Floats:
-    """Return a column without its wraps, by neighbours that differ by less than half a `turn`.
-
-    The `values`, (n_samples,), and the turn are in the same unit.
-    """
-    present = np.isfinite(values)
-    result = values.copy()
-    result[present] = np.unwrap(values[present], period=turn)
-    return result

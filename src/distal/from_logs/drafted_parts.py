@@ -4,21 +4,24 @@ tells is a `Guess`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import degrees, isfinite, pi
+from collections.abc import Mapping
+from math import degrees, pi
+from statistics import median
 
 import numpy as np
 
 from distal.from_logs.column_names import ColumnRole
 from distal.from_logs.drive_and_tendon_sizes import (
-    DriveSizes,
+    Drives,
     FoundDrive,
     FoundJoint,
+    Joints,
+    Pulls,
     pulled_both_ways,
     pulls_of,
 )
 from distal.from_logs.link_masses_and_stops import JointBalance, joint_balance, joint_stops
-from distal.from_logs.motion_data import THRESHOLDS, MotionData, counts_of
+from distal.from_logs.motion_data import THRESHOLDS, Logs, counts_of
 from distal.logs import name_and_unit
 from distal.logs.raw_to_si import IMPROBABLE
 from distal.rig import Guess
@@ -79,107 +82,105 @@ def within(value: float, std: float, unit: str = "") -> Raw:
 
 def raw_drive(drive: FoundDrive) -> Raw:
     """Return a drive."""
-    sizes = drive.sizes
-    raw: Raw = {"name": drive.name, "kind": "slider" if sizes.is_slider else "capstan"}
-    unit = "N" if sizes.is_slider else "N m"
-    if sizes.is_slider:
+    raw: Raw = {"name": drive.name, "kind": "slider" if drive.is_slider else "capstan"}
+    unit = "N" if drive.is_slider else "N m"
+    if drive.is_slider:
         raw["mass"] = Guess("20 g", "masses of drives")
     else:
         raw["inertia"] = ASSUMED.motor_inertia
         raw["radius"] = Guess(number(1e3 * ASSUMED.radius, "mm"), "lengths: radii of spools")
         raw["damping"] = ASSUMED.motor_damping
-    shown = sizes.friction
+    shown = drive.friction
     if shown is not None and shown.inertia > 0.0:
-        inertia = about(shown.inertia, SURE_MOTION, "kg" if sizes.is_slider else "kg m^2")
-        raw["mass" if sizes.is_slider else "inertia"] = inertia
+        inertia = about(shown.inertia, SURE_MOTION, "kg" if drive.is_slider else "kg m^2")
+        raw["mass" if drive.is_slider else "inertia"] = inertia
     if shown is not None and shown.damping > 0.0:
-        of_damping = "kg/s" if sizes.is_slider else "N m s"
-        raw["damping"] = about(shown.damping, SURE_MOTION, of_damping)
-    raw["friction"] = _drive_friction(sizes, unit)
+        raw["damping"] = about(shown.damping, SURE_MOTION, "kg/s" if drive.is_slider else "N m s")
+    raw["friction"] = _drive_friction(drive, unit)
     if drive.effort is None:
-        force = sizes.tension * sizes.lever
-        nominal = within(0.0 if sizes.is_pair else sizes.winding * force, 0.5 * force, unit)
+        force = drive.tension * drive.lever
+        nominal = within(0.0 if drive.is_pair else drive.winding * force, 0.5 * force, unit)
         raw["nominal_force"] = Guess(nominal, "forces: no column has them")
     return raw
 
 
-def _drive_friction(sizes: DriveSizes, unit: str) -> object:
+def _drive_friction(drive: FoundDrive, unit: str) -> object:
     """Return the friction of a drive: what grows with the load, where the logs show that; else
     equal parts that are constant, grow in the drive, and grow along the path.
     """
-    if sizes.friction is None:
-        constant = about(0.05 * sizes.tension * sizes.lever, 0.7, unit)
+    friction = drive.friction
+    if friction is None:
+        constant = about(0.05 * drive.tension * drive.lever, 0.7, unit)
         return Guess({"constant": constant, "load": within(0.06, 0.04)}, "friction of drives")
-    usual = sizes.friction.usual
-    share = sizes.friction.share
+    usual = friction.usual
+    share = friction.share
     if share > 0.0:
-        constant = about(max(usual - share * sizes.load, SURE_MOTION * usual), 1.0, unit)
-        std = max(2.0 * sizes.friction.share_std, SURE_MOTION * share)
+        constant = about(max(usual - share * drive.load, SURE_MOTION * usual), 1.0, unit)
+        std = max(2.0 * friction.share_std, SURE_MOTION * share)
         return {"constant": constant, "load": within(share, std)}
     part = usual / PARTS
-    return {"constant": about(part, 1.0, unit), "load": about(part / sizes.load, 1.0)}
+    return {"constant": about(part, 1.0, unit), "load": about(part / drive.load, 1.0)}
 
 
-def raw_tendons(drive: FoundDrive, joints: Sequence[FoundJoint]) -> list[Raw]:
+def raw_tendons(drive: FoundDrive, joints: Joints) -> list[Raw]:
     """Return the tendons of a drive over the joints that it moves."""
-    sizes = drive.sizes
-    raw: Raw = {"stiffness": about(sizes.stiffness / 1e3, sizes.stiffness_std or 0.4, "N/mm")}
-    if not isfinite(sizes.stiffness_std):
-        guess = about(sizes.stiffness / 1e3, 0.6, "N/mm")
-        raw["stiffness"] = Guess(guess, "stiffness of tendons")
-    if sizes.stiffening > 0.0:
-        share = max(2.0 * sizes.stiffening_std / sizes.stiffening, SURE_MOTION)
-        raw["stiffening"] = about(sizes.stiffening, share, "1/m")
-    raw |= _start(sizes) | _path(sizes)
+    structure = drive.structure
+    stiffness = about(drive.stiffness / 1e3, drive.stiffness_std or 0.6, "N/mm")
+    guess = Guess(stiffness, "stiffness of tendons")
+    raw: Raw = {"stiffness": stiffness if drive.stiffness_std else guess}
+    if drive.stiffening > 0.0:
+        share = max(2.0 * abs(structure.curvature_std / structure.curvature), SURE_MOTION)
+        raw["stiffening"] = about(drive.stiffening, share, "1/m")
+    raw |= _start(drive) | _path(drive)
     tendons = []
-    for side in (1, -1) if sizes.is_pair else (1,):
+    for side in (1, -1) if drive.is_pair else (1,):
         crossings = [
             {
                 "joint": joints[j].name,
                 "kind": "pulley",
-                "radius": about(1e3 * abs(arm), float(share), "mm"),
+                "radius": about(1e3 * abs(arm), share, "mm"),
                 "side": side * (1 if arm > 0.0 else -1),
             }
-            for j, arm, share in zip(drive.structure.joints, sizes.arms, sizes.arm_stds)
+            for j, arm, share in zip(structure.joints, drive.arms, drive.arm_stds)
         ]
-        name = f"{drive.name}_{'plus' if side > 0 else 'minus'}" if sizes.is_pair else drive.name
-        of_drive = {"name": name, "drive": drive.name, "side": side * sizes.winding}
+        name = f"{drive.name}_{'plus' if side > 0 else 'minus'}" if drive.is_pair else drive.name
+        of_drive = {"name": name, "drive": drive.name, "side": side * drive.winding}
         tendons.append({**of_drive, "crossings": crossings, **raw})
     return tendons
 
 
-def _path(sizes: DriveSizes) -> Raw:
+def _path(drive: FoundDrive) -> Raw:
     """Return the friction along a path; none where the logs show that of the drive by its load,
     from which it cannot be told.
     """
     friction = within(0.1, 0.08)
-    if sizes.friction is not None:
-        if sizes.friction.share > 0.0:
+    if drive.friction is not None:
+        if drive.friction.share > 0.0:
             return {}
-        friction = about(sizes.friction.usual / PARTS / sizes.load / WRAP, 1.0)
+        friction = about(drive.friction.usual / PARTS / drive.load / WRAP, 1.0)
     guess = {"friction": friction, "wrap": number(degrees(WRAP), "deg")}
     return {"path": Guess(guess, "friction along the paths")}
 
 
-def _start(sizes: DriveSizes) -> Raw:
+def _start(drive: FoundDrive) -> Raw:
     """Return the pre-tension of a tendon, or its slack, at zero angles and zero position."""
     # zeros that differ from log to log are another pre-tension in each
-    spread = sizes.zero_spread * sizes.stiffness
-    if sizes.friction is None or sizes.is_pair:
-        spread = max(spread, 0.4 * sizes.pretension, 0.3 * sizes.tension)
+    spread = drive.zero_spread * drive.stiffness
+    if drive.friction is None or drive.is_pair:
+        spread = max(spread, 0.4 * drive.pretension, 0.3 * drive.tension)
     else:
-        spread = max(2.0 * spread, 0.2 * sizes.pretension, 0.1 * sizes.tension)
-    if sizes.slack <= 0.0:
-        return {"pretension": within(sizes.pretension, spread, "N")}
-    std = max(0.3 * sizes.slack, spread / sizes.stiffness)
-    return {"slack": within(1e3 * sizes.slack, 1e3 * std, "mm")}
+        spread = max(2.0 * spread, 0.2 * drive.pretension, 0.1 * drive.tension)
+    if drive.slack <= 0.0:
+        return {"pretension": within(drive.pretension, spread, "N")}
+    std = max(0.3 * drive.slack, spread / drive.stiffness)
+    return {"slack": within(1e3 * drive.slack, 1e3 * std, "mm")}
 
 
 def raw_joint(
     j: int,
     joint: FoundJoint,
-    drives: Sequence[FoundDrive],
-    logs: Sequence[MotionData],
+    drives: Drives,
+    logs: Logs,
 ) -> Raw:
     """Return a joint.
 
@@ -215,50 +216,46 @@ def _stops(low: float, high: float, stops: tuple[float | None, float | None]) ->
     """
     if stops == (None, None):
         return {}
+    lower, upper = stops
     ends = [
-        low - NO_STOP if stops[0] is None else stops[0],
-        high + NO_STOP if stops[1] is None else stops[1],
+        low - NO_STOP if lower is None else lower,
+        high + NO_STOP if upper is None else upper,
     ]
     stop_angles: object = [number(degrees(angle), "deg") for angle in ends]
     if None in stops:
         stop_angles = Guess(
-            stop_angles, f"the {'lower' if stops[0] is None else 'upper'} stop of a joint"
+            stop_angles, f"the {'lower' if lower is None else 'upper'} stop of a joint"
         )
     return {"stops": stop_angles, "stops_std": "0.5 deg"}
 
 
-def _joint_friction(
-    pulls: Sequence[tuple[FoundDrive, float]], balance: JointBalance | None
-) -> object:
+def _joint_friction(pulls: Pulls, balance: JointBalance) -> object:
     """Return the friction of a joint on its axle. Tendons press it there; the preload is what else
     does, such as a spring.
     """
     if not pulled_both_ways(pulls):
-        tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+        tension = median(drive.tension for drive, _ in pulls)
         preload = about(tension, 0.6, "N")
-        coefficient = within(0.1, 0.08)
-        guess = {"coefficient": coefficient, "radius": "3 mm", "preload": preload}
+        guess = {"coefficient": within(0.1, 0.08), "radius": "3 mm", "preload": preload}
         return Guess(guess, "friction of joints")
     friction: Raw = {
         "coefficient": within(0.2, 0.1),
         "radius": number(AXLE, "mm"),
         "preload": within(1.0, 1.0, "N"),
     }
-    if balance is None or balance.friction == 0.0:
+    if balance.friction == 0.0:
         return Guess(friction, "friction of joints")
-    load = sum(drive.sizes.load / drive.sizes.lever for drive, _ in pulls)
+    load = sum(drive.load / drive.lever for drive, _ in pulls)
     coefficient = about(balance.friction / (1e-3 * AXLE * load), SURE_MOTION)
     return friction | {"coefficient": coefficient}
 
 
-def _dynamics(balance: JointBalance | None) -> Raw:
+def _dynamics(balance: JointBalance) -> Raw:
     """Return inertia and damping of a joint, as the logs show them or as guesses."""
     raw: Raw = {
         "inertia": ASSUMED.inertia,
         "damping": Guess(about(2e-4, 0.8, "N m s"), "damping of joints"),
     }
-    if balance is None:
-        return raw
     if balance.inertia > 0.0:
         raw["inertia"] = about(balance.inertia, 1.0, "kg m^2")
     elif balance.most_inertia < to_si(ASSUMED.inertia.value, "kg m^2"):
@@ -271,15 +268,15 @@ def _dynamics(balance: JointBalance | None) -> Raw:
 def _spring(
     low: float,
     high: float,
-    pulls: Sequence[tuple[FoundDrive, float]],
-    balance: JointBalance | None,
+    pulls: Pulls,
+    balance: JointBalance,
 ) -> object:
     """Return the spring of a joint that tendons pull one way only, over angles from `low` to
     `high`.
     """
     side = 1.0 if pulls[0][1] > 0.0 else -1.0
     nearest, farthest = (low, high) if side > 0.0 else (high, low)
-    if balance is not None and balance.stiffness > 0.0:
+    if balance.stiffness > 0.0:
         rest = -balance.offset / balance.stiffness
         if side * (nearest - rest) > 0.0:
             spread = max(SURE_MOTION * abs(degrees(nearest - rest)), 5.0)
@@ -287,7 +284,7 @@ def _spring(
                 "stiffness": about(balance.stiffness, 0.4, "N m/rad"),
                 "rest_angle": within(degrees(rest), spread, "deg"),
             }
-    tension = float(np.median([drive.sizes.tension for drive, _ in pulls]))
+    tension = median(drive.tension for drive, _ in pulls)
     rest = nearest - side * ASSUMED.spring_below
     stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest), 0.1)
     guess = {
@@ -299,29 +296,28 @@ def _spring(
 
 def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
     """Return the sensors of a drive; `rates` are the columns' samples per second [Hz]."""
-    sizes = drive.sizes
     column = drive.position
-    position = _sensor(f"{drive.name}_position", "position", drive.name, column)
+    position = _sensor(drive.name, "position", column)
     if column.si == "count":
         counts = counts_of(column)
         is_seen = column.values.turn is not None
         position["counts_per_turn"] = counts if is_seen else Guess(counts, "counts of encoders")
-    if sizes.gear != 1.0:
-        position["gear"] = Guess(sizes.gear, "gears of motors")
-    position |= {"sign": sizes.position_sign, **_errors(column, rates)}
-    if sizes.is_pair:
-        spread = max(drive.structure.zero_spread / sizes.gear, THRESHOLDS.zero_std)
-        position["bias"] = within(drive.structure.zero / sizes.gear, spread, "rad")
+    if drive.gear != 1.0:
+        position["gear"] = Guess(drive.gear, "gears of motors")
+    position |= {"sign": drive.position_sign, **_errors(column, rates)}
+    if drive.is_pair:
+        spread = max(drive.structure.zero_spread / drive.gear, THRESHOLDS.zero_std)
+        position["bias"] = within(drive.structure.zero / drive.gear, spread, "rad")
     effort = drive.effort
     if effort is None:
         return [position]
-    force = _sensor(f"{drive.name}_force", "force", drive.name, effort)
+    force = _sensor(drive.name, "force", effort)
     if effort.si == "A":
-        constant = number(sizes.torque_constant, "N m/A")
+        constant = number(drive.torque_constant, "N m/A")
         force["torque_constant"] = Guess(constant, "forces: torque constants")
-    elif effort.si == "N" and not sizes.is_slider:
-        force["lever"] = Guess(number(1e3 * sizes.lever, "mm"), "lengths: levers of load cells")
-    return [position, force | {"sign": sizes.effort_sign, **_errors(effort, rates)}]
+    elif effort.si == "N" and not drive.is_slider:
+        force["lever"] = Guess(number(1e3 * drive.lever, "mm"), "lengths: levers of load cells")
+    return [position, force | {"sign": drive.effort_sign, **_errors(effort, rates)}]
 
 
 def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
@@ -329,14 +325,14 @@ def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
     another; `rates` are the columns' samples per second [Hz].
     """
     column = joint.angle
-    sensor = _sensor(f"{joint.name}_reference", "angle", joint.name, column)
+    sensor = _sensor(joint.name, "angle", column) | {"name": f"{joint.name}_reference"}
     errors = _errors(column, rates)
     return sensor | {"rate": errors["rate"], "noise": errors["noise"]}
 
 
-def _sensor(name: str, measures: str, of: str, column: ColumnRole) -> Raw:
+def _sensor(of: str, measures: str, column: ColumnRole) -> Raw:
     where = {"column": column_of(column), "unit": column.unit}
-    return {"name": name, "measures": measures, "of": of, **where}
+    return {"name": f"{of}_{measures}", "measures": measures, "of": of, **where}
 
 
 def _errors(column: ColumnRole, rates: Mapping[str, float]) -> Raw:

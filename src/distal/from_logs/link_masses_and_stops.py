@@ -29,31 +29,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import radians
+from math import inf, radians
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from scipy.signal import find_peaks
 from scipy.stats import poisson, truncnorm
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.from_logs.drive_and_tendon_sizes import (
-    FoundDrive,
-    FoundJoint,
+    Drives,
+    Joints,
+    Pulls,
     pulls_of,
-    sliding,
     torque_of,
 )
 from distal.from_logs.motion_data import (
     BETTER,
     CLEAR,
     WITHIN,
+    Equations,
+    Logs,
     MotionData,
     left_out,
-    relative_errors,
+    rms,
     scaled_solution,
     smoothed,
+    stacked,
     window_of,
+    with_errors,
 )
 from distal.model import Mechanism
 from distal.rig import Rig
@@ -67,42 +72,51 @@ class Links:
     """What logs tell of links.
 
     Args:
-        joined: whether links explain other logs better than inertias of the joints' own.
         masses: mass of each link with its standard deviation [g].
         gravity: along x and z of the base [m/s²], by links of the assumed length; 0 where the logs
             do not show it.
     """
 
-    joined: bool
     masses: tuple[tuple[float, float], ...]
     gravity: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class _Equations:
+class _Equations(NamedTuple):
     """One joint on one log, while it and its drives move: the columns of the masses, (k, n_links),
-    of gravity at unit masses, (k, 2, n_links), of an inertia of each joint's own, (k, n_links), and
-    of the joint's own terms, and its torque, (k,), smoothed over a `window` of samples.
+    of gravity at unit masses, (k, 2, n_links), and of the joint's own terms (`_terms`), and its
+    torque, (k,), smoothed over a `window` of samples.
     """
 
     joint: int
     window: int
     masses: Floats
     gravity: Floats
-    inertia: Floats
-    friction: Floats
-    weight: Floats
+    own: Floats
     torques: Floats
+
+
+FRICTION: Sequence[int] = (2, 4)
+"""Of a joint's own terms those of damping and friction. Source: layout (`_terms`)."""
+
+WITH_OFFSET = (*FRICTION, 1)
+"""The same, with an offset. Source: layout (`_terms`)."""
+
+WITH_WEIGHT = (*WITH_OFFSET, 5, 6)
+"""The same, with a weight, by sine and cosine of the angle. Source: layout (`_terms`)."""
+
+INERTIA = 3
+"""Of a joint's own terms that of an inertia. Source: layout (`_terms`)."""
 
 
 def links_of(
     rig: Rig,
     carrying: Sequence[int],
-    joints: Sequence[FoundJoint],
-    drives: Sequence[FoundDrive],
-    logs: Sequence[MotionData],
-) -> Links:
-    """Return what logs tell of the links.
+    joints: Joints,
+    drives: Drives,
+    logs: Logs,
+) -> Links | None:
+    """Return what logs tell of the links, None where these do not explain other logs better than
+    inertias of the joints' own do.
 
     Args:
         rig: the rig with guessed masses, and gravity along x and z.
@@ -116,38 +130,37 @@ def links_of(
     parts = [_equations(log, carrying, joints, drives, torques) for log in logs]
     parts = [part for part in parts if part]
     if not parts:
-        return Links(False, ((MASS, MASS),) * count, (0.0, 0.0))
+        return None
     rows = [equations for part in parts for equations in part]
     masses, stds = _masses(rows, count)
-    pairs = tuple((float(mass), float(std)) for mass, std in zip(masses, stds))
-    weighed = 1e-3 * masses
 
     def as_links(row: _Equations) -> Floats:
-        return np.column_stack([row.masses, row.gravity @ weighed])
+        return np.column_stack([row.masses, row.gravity @ (1e-3 * masses)])
 
-    def as_inertias(row: _Equations) -> Floats:
-        return row.inertia
-
-    links = _errors(parts, as_links, False)
-    tared = _better(_errors(parts, as_links, True), links)
-    if tared:
-        links = _errors(parts, as_links, True)
-    joined = _better(links, _errors(parts, as_inertias, tared))
-    matrix, target = _system(rows, [as_links(row) for row in rows], with_offset=tared)
-    window = max(row.window for row in rows)
-    return Links(joined, pairs, _gravity(matrix, target, window, count))
+    own = FRICTION
+    errors = _errors(parts, as_links, FRICTION)
+    tared = _errors(parts, as_links, WITH_OFFSET)
+    if _better(tared, errors):
+        own = WITH_OFFSET
+        errors = tared
+    if not _better(errors, _errors(parts, lambda row: row.masses[:, :0], (*own, INERTIA))):
+        return None
+    matrix, target = _system(rows, as_links, own)
+    solution, spreads = with_errors(matrix, target, max(row.window for row in rows))
+    x, z = solution[count : count + 2].tolist()
+    is_clear = np.hypot(x, z) > CLEAR * np.max(spreads[count : count + 2])
+    return Links(tuple(zip(masses.tolist(), stds.tolist())), (x, z) if is_clear else (0.0, 0.0))
 
 
 def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     """Return the mass of each link and its standard deviation [g], (count,)."""
-    matrix, target = _system(rows, [row.masses for row in rows], with_weight=True)
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    scaled = matrix / size
-    left = target - scaled @ np.linalg.lstsq(scaled, target, rcond=None)[0]
+    matrix, target = _system(rows, lambda row: row.masses, WITH_WEIGHT)
+    left = target - matrix @ scaled_solution(matrix, target)
     noise = max(row.window for row in rows) * max(float(np.mean(left**2)), 1e-300)
-    prior = np.zeros(matrix.shape[1])
-    prior[:count] = 1e-3 * MASS * size[:count]
-    precision = np.zeros(matrix.shape[1])
+    size = np.maximum(rms(matrix), 1e-300)
+    scaled = matrix / size
+    prior = 1e-3 * MASS * size
+    precision = np.zeros(len(prior))
     precision[:count] = prior[:count] ** -2
     covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
     solution = covariance @ (scaled.T @ target / noise + precision * prior)
@@ -165,57 +178,31 @@ def _better(errors: Floats, usual: Floats) -> bool:
 def _errors(
     parts: Sequence[Sequence[_Equations]],
     shared: Callable[[_Equations], Floats],
-    with_offset: bool,
+    own: Sequence[int],
 ) -> Floats:
     """Return the RMS error of each joint's torque [N m] on logs left out, with such `shared`
-    columns; on the logs themselves if there is only one.
+    columns and `own` terms; on the logs themselves if there is only one.
     """
-
-    def system(rows: Sequence[_Equations]) -> tuple[Floats, Floats]:
-        return _system(rows, [shared(row) for row in rows], with_offset=with_offset)
-
-    left = dict[int, list[Floats]]()
-    for rows, errors in zip(parts, left_out([system(rows) for rows in parts])):
-        ends = np.cumsum([len(row.torques) for row in rows])[:-1]
-        for row, part in zip(rows, np.split(errors, ends)):
-            left.setdefault(row.joint, []).append(part)
-    every = [np.concatenate(errors) for errors in left.values()]
-    return np.array([np.sqrt(np.mean(errors**2)) for errors in every if len(errors)])
-
-
-def _gravity(matrix: Floats, target: Floats, window: int, count: int) -> tuple[float, float]:
-    """Return gravity along x and z of the base [m/s²], whose columns in the equations stand behind
-    `count` of masses; both sides are smoothed over a `window` of samples.
-    """
-    solution, left = scaled_solution(matrix, target)
-    stds = left * relative_errors(matrix, window)
-    gravity = solution[count : count + 2]
-    strength = float(np.hypot(*gravity))
-    clear = strength > CLEAR * float(np.max(stds[count : count + 2]))
-    if not clear:
-        return 0.0, 0.0
-    return float(gravity[0]), float(gravity[1])
+    errors = np.concatenate(left_out([_system(rows, shared, own) for rows in parts]))
+    joints = np.concatenate([np.full(len(r.torques), r.joint) for rows in parts for r in rows])
+    return np.array([rms(errors[joints == joint]) for joint in np.unique(joints)])
 
 
 def _system(
     equations: Sequence[_Equations],
-    shared: Sequence[Floats],
-    with_weight: bool = False,
-    with_offset: bool = False,
-) -> tuple[Floats, Floats]:
-    """Return matrix and torques of some equations: `shared` columns, then those of each joint."""
+    shared: Callable[[_Equations], Floats],
+    own: Sequence[int],
+) -> Equations:
+    """Return matrix and torques of some equations: `shared` columns, then those of each joint's
+    `own` terms.
+    """
     joints = sorted({of_joint.joint for of_joint in equations})
-    rows = []
-    for of_joint, columns in zip(equations, shared):
-        terms = of_joint.friction
-        if with_weight:
-            terms = np.column_stack([terms, of_joint.weight])
-        elif with_offset:
-            terms = np.column_stack([terms, of_joint.weight[:, :1]])
-        zeros = np.zeros_like(terms)
-        blocks = [terms if joint == of_joint.joint else zeros for joint in joints]
-        rows.append(np.column_stack([columns, *blocks]))
-    return np.vstack(rows), np.concatenate([of_joint.torques for of_joint in equations])
+    parts = []
+    for of_joint in equations:
+        terms = of_joint.own[:, own]
+        blocks = [terms * (joint == of_joint.joint) for joint in joints]
+        parts.append((np.column_stack([shared(of_joint), *blocks]), of_joint.torques))
+    return stacked(parts)
 
 
 def _torques_of_masses(rig: Rig, names: Sequence[str], carrying: Sequence[int]) -> ca.Function:
@@ -229,12 +216,11 @@ def _torques_of_masses(rig: Rig, names: Sequence[str], carrying: Sequence[int]) 
     in_rig = [rig.joint_names.index(name) for name in names]
     in_logs = [names.index(name) for name in rig.joint_names]
     masses = ca.vertcat(*(parameters[f"joints.{in_rig[j]}.link.mass"] for j in carrying))
-    along = ("base.gravity.0", "base.gravity.2")
     torques = mechanism.chain.torques(q[in_logs], v[in_logs], a[in_logs])[in_rig]
     per_mass = ca.jacobian(torques, masses)
     values = ca.DM(parameters.values)
     columns = [per_mass]
-    for name in along:
+    for name in ("base.gravity.0", "base.gravity.2"):
         values[parameters.index(name)] = 0.0
         slope = ca.jacobian(ca.vec(per_mass), parameters[name])
         columns.append(ca.reshape(slope, *per_mass.shape))
@@ -245,41 +231,29 @@ def _torques_of_masses(rig: Rig, names: Sequence[str], carrying: Sequence[int]) 
 def _equations(
     log: MotionData,
     carrying: Sequence[int],
-    joints: Sequence[FoundJoint],
-    drives: Sequence[FoundDrive],
+    joints: Joints,
+    drives: Drives,
     torques_at: ca.Function,
 ) -> list[_Equations]:
     """Return the equations of each joint that carries a link, on one log; none of a short one."""
-    has_angles = np.isfinite(log.angles).all(axis=1)
-    step = float(np.median(np.diff(log.time)))
-    angles = log.angles[has_angles]
-    if len(angles) < 2:
-        return []
-    window = max(window_of(angles[:, j], step, joints[j].noise) for j in carrying)
+    angles = log.angles[log.is_known]
+    window = max(window_of(angles[:, j], log.step, joints[j].noise) for j in carrying)
     if len(angles) < 2 * window:
         return []
-    q, v, a = (smoothed(angles, window, step, order) for order in range(3))
-    ways = smoothed(np.sign(v), window, step)
+    q, v, a = (smoothed(angles, window, log.step, order) for order in range(3))
     parts = torques_at.map(len(q))(q.T, v.T, a.T)
     columns = [np.array(part).reshape(q.shape[1], len(q), -1) for part in parts]
     equations = []
     for link, j in enumerate(carrying):
-        pulls = pulls_of(j, drives)
-        moves = sliding(j, pulls, log)[has_angles]
-        torques = smoothed(torque_of(pulls, log)[has_angles], window, step)
-        offset = np.ones(len(q))
-        inertia = np.zeros((len(q), len(carrying)))
-        inertia[:, link] = a[:, j]
+        own, torques, moves = _terms(j, pulls_of(j, drives), log, log.is_known, window)
         equations.append(
             _Equations(
                 joint=link,
                 window=window,
                 masses=columns[0][j, moves],
                 gravity=np.stack([of_way[j, moves] for of_way in columns[1:]], axis=1),
-                inertia=inertia[moves],
-                friction=np.column_stack([v[:, j], ways[:, j]])[moves],
-                weight=np.column_stack([offset, np.sin(q[:, j]), np.cos(q[:, j])])[moves],
-                torques=torques[moves],
+                own=own,
+                torques=torques,
             )
         )
     return equations
@@ -288,25 +262,25 @@ def _equations(
 @dataclass(frozen=True)
 class JointBalance:
     """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad], inertia I
-    [kg m²] and friction f [N m] of a joint; the last three are 0 where the logs do not show them.
-    The logs show that inertia is at most `most_inertia`.
+    [kg m²] and friction f [N m] of a joint, 0 where the logs do not show them. The logs show that
+    inertia is at most `most_inertia`.
     """
 
-    stiffness: float
-    offset: float
-    damping: float
-    inertia: float
-    friction: float
-    most_inertia: float
+    stiffness: float = 0.0
+    offset: float = 0.0
+    damping: float = 0.0
+    inertia: float = 0.0
+    friction: float = 0.0
+    most_inertia: float = inf
 
 
 def joint_balance(
     joint: int,
     noise: float,
-    pulls: Sequence[tuple[FoundDrive, float]],
-    logs: Sequence[MotionData],
-) -> JointBalance | None:
-    """Return what a joint needs of its tendons; None where a force is not read.
+    pulls: Pulls,
+    logs: Logs,
+) -> JointBalance:
+    """Return what a joint needs of its tendons, as far as the logs show it.
 
     Args:
         joint: index of the joint.
@@ -315,47 +289,44 @@ def joint_balance(
         logs: all of them.
     """
     if not pulls or any(drive.effort is None for drive, _ in pulls):
-        return None
-    parts = [_rows(joint, pulls, log, noise) for log in logs]
-    matrix = np.vstack([columns for columns, _, _ in parts])
-    torques = np.concatenate([values for _, values, _ in parts])
+        return JointBalance()
+    parts = []
+    windows = []
+    for log in logs:
+        usable = np.isfinite(log.angles[:, joint])
+        windows.append(window_of(log.angles[usable, joint], log.step, noise))
+        if usable.sum() >= 2 * windows[-1]:
+            columns, values, _ = _terms(joint, pulls, log, usable, windows[-1])
+            parts.append((columns[:, :5], values))
+    if not parts:
+        return JointBalance()
+    matrix, torques = stacked(parts)
     if len(torques) < matrix.shape[1]:
-        return None
-    coefficients, left = scaled_solution(matrix, torques)
-    stds = left * relative_errors(matrix, max(window for _, _, window in parts))
+        return JointBalance()
+    coefficients, stds = with_errors(matrix, torques, max(windows))
     clear = coefficients > CLEAR * stds
     shown = np.where(clear, coefficients, 0.0)
-    plain = scaled_solution(matrix[:, [0, 1, 4]], torques)[0]
-    stiffness, offset = coefficients[:2] if clear[2:4].any() else plain[:2]
-    return JointBalance(
-        stiffness=float(stiffness),
-        offset=float(offset),
-        damping=float(shown[2]),
-        inertia=float(shown[3]),
-        friction=float(shown[4]),
-        most_inertia=float(max(coefficients[3], 0.0) + WITHIN * stds[3]),
-    )
+    plain = scaled_solution(matrix[:, [0, 1, 4]], torques)
+    stiffness, offset = (coefficients if clear[2:4].any() else plain)[:2].tolist()
+    damping, inertia, friction = shown[2:].tolist()
+    most_inertia = float(max(coefficients[3], 0.0) + WITHIN * stds[3])
+    return JointBalance(stiffness, offset, damping, inertia, friction, most_inertia)
 
 
-def _rows(
-    joint: int, pulls: Sequence[tuple[FoundDrive, float]], log: MotionData, noise: float
-) -> tuple[Floats, Floats, int]:
-    """Return the columns θ, 1, dθ/dt, d²θ/dt² and sign(dθ/dt) of a log, the torques, and the number
-    of samples over which both are smoothed.
+def _terms(
+    joint: int, pulls: Pulls, log: MotionData, usable: Bools, window: int
+) -> tuple[Floats, Floats, Bools]:
+    """Return the columns θ, 1, dθ/dt, d²θ/dt², sign(dθ/dt), sin θ and cos θ of `usable` samples
+    and the torques, both smoothed over a `window`, while joint and drives move; and when that is.
     """
-    angle = log.angles[:, joint]
-    usable = np.isfinite(angle)
-    step = float(np.median(np.diff(log.time)))
-    angles = angle[usable]
-    window = window_of(angles, step, noise)
-    if len(angles) < 2 * window:
-        return np.empty((0, 5)), np.empty(0), window
-    smooth, speed, acceleration = (smoothed(angles, window, step, order) for order in range(3))
-    ways = smoothed(np.sign(speed), window, step)
-    columns = [smooth, np.ones(len(smooth)), speed, acceleration, ways]
-    torques = smoothed(torque_of(pulls, log)[usable], window, step)
-    read = np.isfinite(torques) & sliding(joint, pulls, log)[usable]
-    return np.column_stack(columns)[read], torques[read], window
+    angles = log.angles[usable, joint]
+    q, v, a = (smoothed(angles, window, log.step, order) for order in range(3))
+    ways = smoothed(np.sign(v), window, log.step)
+    torque, moves = torque_of(joint, pulls, log)
+    torques = smoothed(torque[usable], window, log.step)
+    read = np.isfinite(torques) & moves[usable]
+    columns = np.column_stack([q, np.ones(len(q)), v, a, ways, np.sin(q), np.cos(q)])
+    return columns[read], torques[read], read
 
 
 PARTED = 3.0
@@ -400,8 +371,7 @@ FEWEST_OF_TIME = 3
 """Least ratio of these times in samples, below which they tell nothing [1]. Source: judgement."""
 
 
-@dataclass(frozen=True)
-class _Turn:
+class _Turn(NamedTuple):
     """A turning point of a joint.
 
     Args:
@@ -419,9 +389,7 @@ class _Turn:
     side: float
 
 
-def joint_stops(
-    joint: int, drives: Sequence[FoundDrive], logs: Sequence[MotionData]
-) -> tuple[float | None, float | None]:
+def joint_stops(joint: int, drives: Drives, logs: Logs) -> tuple[float | None, float | None]:
     """Return the lower and the upper stop of a joint [rad], None where the logs show none.
 
     Of n turning points on a range R, k are within w of the outermost by chance Σ e^(−λ) λ^j/j! over
@@ -434,16 +402,23 @@ def joint_stops(
         drives: all of them.
         logs: all of them.
     """
-    turns = _turns(joint, [drive.index for drive, _ in pulls_of(joint, drives)], logs)
+    moving = [drive.index for drive, _ in pulls_of(joint, drives)]
+    angles = np.concatenate([log.angles[:, joint] for log in logs])
+    positions = np.vstack([log.positions[:, moving] for log in logs])
+    finite = np.isfinite(angles)
+    if finite.sum() < 10:
+        return None, None
+    columns = np.column_stack([np.ones(len(angles)), positions])
+    line = np.linalg.lstsq(columns[finite], angles[finite])[0]
+    turns = [turn for log in logs for turn in _turns_of(log, joint, moving, line)]
     return _level(-1.0, turns), _level(1.0, turns)
 
 
 def _level(side: float, turns: Sequence[_Turn]) -> float | None:
     """Return where a stop begins on one side, ±1, None where there is none."""
-    outward = side * np.array([turn.angle for turn in turns])
-    by_drives = np.array([turn.by_drives for turn in turns])
-    briskness = np.array([turn.briskness for turn in turns])
-    on_side = np.flatnonzero([turn.side == side for turn in turns])
+    angles, by_drives, settled, briskness, sides = np.reshape(turns, (-1, len(_Turn._fields))).T
+    outward = side * angles
+    on_side = np.flatnonzero(sides == side)
     order = on_side[np.argsort(-outward[on_side])]
     reach = float(np.ptp(outward)) if turns else 0.0
     level = None
@@ -451,36 +426,23 @@ def _level(side: float, turns: Sequence[_Turn]) -> float | None:
     for count in range(2, len(order) // 2 + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
-        parted = float(np.ptp(by_drives[members])) > max(PARTED * width, PROMINENCE)
+        parted = np.ptp(by_drives[members]) > max(PARTED * width, PROMINENCE)
         if width > SOFT or not parted:
             continue
-        gathered = float(poisson.sf(count - 2, len(order) * width / reach))
-        rests = np.array([turns[i].settled for i in members])
-        settled = rests[np.isfinite(rests)]
-        together = len(settled) > 1 and np.ptp(settled) < min(width, CLOSE)
+        gathered = poisson.sf(count - 2, len(order) * width / reach)
+        rests = settled[members][np.isfinite(settled[members])]
+        together = len(rests) > 1 and np.ptp(rests) < min(width, CLOSE)
         if together:
-            gathered *= (float(np.ptp(settled)) / width) ** (len(settled) - 1)
+            gathered *= (np.ptp(rests) / width) ** (len(rests) - 1)
         elsewhere = briskness[np.setdiff1d(np.arange(len(outward)), members)]
         as_brisk = np.sum(elsewhere >= briskness[members, None], axis=1)
-        brisk = float(np.prod((1 + as_brisk) / (1 + len(elsewhere))))
-        sharp = float(np.mean(briskness[members])) > BRISK
+        brisk = np.prod((1 + as_brisk) / (1 + len(elsewhere)))
+        sharp = np.mean(briskness[members]) > BRISK
         if sharp and gathered * brisk < least:
             least = gathered * brisk
             innermost = side * np.min(outward[members])
-            level = float(np.median(settled) if together else innermost)
+            level = float(np.median(rests) if together else innermost)
     return level
-
-
-def _turns(joint: int, drives: Sequence[int], logs: Sequence[MotionData]) -> list[_Turn]:
-    """Return the turning points of a joint."""
-    angles = np.concatenate([log.angles[:, joint] for log in logs])
-    positions = np.vstack([log.positions[:, list(drives)] for log in logs])
-    finite = np.isfinite(angles)
-    if finite.sum() < 10:
-        return []
-    columns = np.column_stack([np.ones(len(angles)), positions])
-    line = np.linalg.lstsq(columns[finite], angles[finite])[0]
-    return [turn for log in logs for turn in _turns_of(log, joint, drives, line)]
 
 
 def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> list[_Turn]:
@@ -497,8 +459,8 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
         return []
     begin, end = (round(time_after / step) for time_after in REST_TIMES)
     speed = np.gradient(angle, time)
-    usual = float(np.sqrt(np.mean(speed**2)))
-    by_drives = line[0] + log.positions[rows][:, list(drives)] @ line[1:]
+    usual = float(rms(speed))
+    by_drives = line[0] + log.positions[rows][:, drives] @ line[1:]
     turns = []
     for side in (1.0, -1.0):
         outward = side * angle
@@ -506,7 +468,7 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
             below = np.flatnonzero(outward[:turn] < outward[turn] - CLOSE)
             arrival = int(below[-1]) + 1 if len(below) else 0
             lost, all_lost = (
-                float(np.ptp(speed[max(arrival - width, 0) : arrival + width + 1]))
+                np.ptp(speed[max(arrival - width, 0) : arrival + width + 1])
                 for width in (near, far)
             )
             after = angle[turn + begin : turn + end]

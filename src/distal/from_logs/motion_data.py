@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import re
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import convolve1d
+from scipy.ndimage import convolve1d, correlate1d, distance_transform_edt
 from scipy.signal import medfilt, savgol_coeffs, savgol_filter
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, RigError
-from distal.from_logs.column_names import ROLES, SURE, ColumnRole, NameEvidence, as_role, in_si
+from distal.from_logs.column_names import SURE, ColumnRole, Columns, Names, as_role
 from distal.logs import (
     Column,
     Episode,
@@ -80,49 +80,41 @@ ROWS = "evenly spaced rows"
 
 def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -> RawLog:
     """Return a log (CSV, Parquet, HDF5, MCAP, a ROS bag, a LeRobot episode or a frame) with all its
-    columns, or their first `rows`; with the time `ROWS` where their `rate` is given [Hz].
+    columns, or their first `rows`; with the time `ROWS` where their `rate` is given [Hz]. It is
+    without empty rows, registers that hold a sign are decoded, and single wild readings missing.
 
     Raises:
         LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST` rows.
     """
     cells = open_table(path, None, TIME)
-    if rows is not None:
-        first = {name: column[:rows] for name, column in cells.columns.items()}
-        cells = replace(cells, columns=first)
+    cells = replace(cells, columns={name: cells.columns[name][:rows] for name in cells.names})
     source = str(path) if isinstance(path, (str, Path, Episode)) else cells.source
-    check_rows(source, cells.rows)
+    if cells.rows < FEWEST:
+        raise LogError(
+            f"{source}: {cells.rows} rows are too few to learn a rig from; {FEWEST} at least"
+        )
     columns = dict[str, Floats]()
-    texts = list[str]()
-    for name in cells.names:
-        column = cells.columns[name]
+    for name, column in cells.columns.items():
         try:
-            timed = is_time(column)
-            values = clock_of(cells, name, 1.0).time if timed else cells.values(name)
-            if np.isfinite(values).any():
-                columns[name] = values
-            else:
-                texts.append(name)
+            values = clock_of(cells, name, 1.0).time if is_time(column) else cells.values(name)
         except LogError:
             listed = isinstance(column, list) and LIST.fullmatch(column[0].strip())
             if _is_mostly_numeric(column) or (listed and re.search(r"\d", column[0])):
                 raise
-            texts.append(name)
+            continue
+        if np.isfinite(values).any():
+            columns[name] = values
     if not columns:
         raise LogError(f"{source}: no column holds numbers; a log has a header and rows of numbers")
+    texts = tuple(name for name in cells.names if name not in columns)
     if rate is not None:
         columns[ROWS] = np.arange(cells.rows) / rate
-    return _raw(source, columns, tuple(texts))
-
-
-def _raw(source: str, columns: Mapping[str, Floats], texts: tuple[str, ...] = ()) -> RawLog:
-    """Return a log without empty rows, in which registers that hold a sign are decoded and single
-    wild readings are missing, as the conversion of readings does it with the written rig.
-    """
+    # registers and wild readings as the conversion of readings treats them with the written rig
     has_value = np.any([np.isfinite(values) for values in columns.values()], axis=0)
     read = {name: decoded(values[has_value]) for name, values in columns.items()}
-    wild = {name: is_wild for name, values in read.items() if (is_wild := _wild(values)).any()}
-    read |= {name: np.where(is_wild, np.nan, read[name]) for name, is_wild in wild.items()}
-    return RawLog(source, read, texts, {name: int(is_wild.sum()) for name, is_wild in wild.items()})
+    wild = {name: _wild(values) for name, values in read.items()}
+    kept = {name: np.where(wild[name], np.nan, values) for name, values in read.items()}
+    return RawLog(source, kept, texts, {name: int(wild[name].sum()) for name in wild})
 
 
 def _wild(values: Floats) -> Bools:
@@ -134,16 +126,10 @@ def _wild(values: Floats) -> Bools:
     if len(there) < FEWEST:
         return wild
     present = values[there]
-    width = float(np.ptp(np.quantile(present, USUAL_VALUES)))
+    width = np.ptp(np.quantile(present, USUAL_VALUES))
     wild[there] = (width > 0.0) & (np.abs(present - medfilt(present)) > width)
     wild[there[[0, -1]]] = False  # they have one neighbour only
     return wild
-
-
-def check_rows(source: str, rows: int) -> None:
-    """Raise a `LogError` where a log has too few rows to learn from."""
-    if rows < FEWEST:
-        raise LogError(f"{source}: {rows} rows are too few to learn a rig from; {FEWEST} at least")
 
 
 def _is_mostly_numeric(column: Column) -> bool:
@@ -157,7 +143,7 @@ def without_repeats(log: RawLog, time: str) -> tuple[RawLog, str | None]:
     """Return a log without repeated stamps, and what was done (`log.time.repeated`), None where
     there are none: where most rows share theirs, they are spread, else the first ones are kept.
     """
-    first = np.concatenate([[True], np.diff(log.columns[time]) > 0.0])
+    first = np.diff(log.columns[time], prepend=-np.inf) > 0.0
     if first.all():
         return log, None
     if 2 * first.sum() <= len(first):
@@ -179,11 +165,10 @@ def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, s
                 f"{log.source} has the columns {', '.join(log.columns)}; {logs[0].source} has "
                 f"{', '.join(logs[0].columns)}: logs of one rig have the same columns"
             )
-    lacking = dict[str, list[str]]()
-    for name in dict.fromkeys(name for log in logs for name in log.columns):
-        lacking[name] = [
-            log.source for log in logs if not np.isfinite(log.columns.get(name, np.nan)).any()
-        ]
+    lacking = {
+        name: [log.source for log in logs if not np.isfinite(log.columns.get(name, np.nan)).any()]
+        for name in dict.fromkeys(name for log in logs for name in log.columns)
+    }
     headers = [name for name, sources in lacking.items() if len(sources) < len(logs)]
     filled = [
         replace(
@@ -195,32 +180,30 @@ def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, s
     return filled, {name: ", ".join(lacking[name]) for name in headers if lacking[name]}
 
 
-def time_column(
-    logs: Sequence[RawLog], headers: Sequence[str], names: Mapping[str, NameEvidence]
-) -> str:
+def time_column(logs: Sequence[RawLog], names: Names) -> str:
     """Return the column that increases from row to row in all logs, by its name a time.
 
     Raises:
         LogError: there is none, or one that is called a time goes back or lacks values.
     """
-    steps = {h: np.concatenate([np.diff(log.columns[h]) for log in logs]) for h in headers}
+    steps = {h: np.concatenate([np.diff(log.columns[h]) for log in logs]) for h in names}
     increasing = [
         header
-        for header in headers
+        for header in names
         # a flag that is set once has two values
         if (steps[header] >= 0.0).all()
         and all(len(np.unique(log.columns[header])) > 2 for log in logs)
     ]
-    called_time = [header for header in headers if names[header].scores["time"] >= SURE]
+    called_time = [header for header, name in names.items() if name.scores["time"] >= SURE]
     if not set(called_time) & set(increasing):
         for header in called_time:
             _check_increasing(header, logs)
-    if ROWS in headers:
+    if ROWS in names:
         return ROWS
     if not increasing:
         raise LogError(
             f"no column of {logs[0].source} increases from row to row, so none is the time; the "
-            f"columns are {', '.join(headers)}. If its rows are evenly spaced, say how many come "
+            f"columns are {', '.join(names)}. If its rows are evenly spaced, say how many come "
             "in a second, as --rate 50"
         )
 
@@ -243,9 +226,9 @@ def _check_increasing(header: str, logs: Sequence[RawLog]) -> None:
     """Raise a `LogError` where a column that is called a time goes back or lacks values."""
     for log in logs:
         stamps = log.columns[header]
-        if not np.isfinite(stamps).all():
-            row = int(np.flatnonzero(~np.isfinite(stamps))[0])
-            raise LogError(f"{log.source}: '{header}' has no value in sample {row + 1}")
+        missing = np.flatnonzero(~np.isfinite(stamps))
+        if len(missing):
+            raise LogError(f"{log.source}: '{header}' has no value in sample {missing[0] + 1}")
         back = np.flatnonzero(np.diff(stamps) < 0.0)
         if len(back):
             raise LogError(
@@ -254,47 +237,49 @@ def _check_increasing(header: str, logs: Sequence[RawLog]) -> None:
             )
 
 
-def time_unit(time: ColumnRole, logs: Sequence[RawLog]) -> tuple[str, list[str]]:
-    """Return the unit of time, that of the header where the rate is possible, else by the steps;
-    and a sentence where the header says another.
+def time_of(columns: Columns, logs: Sequence[RawLog]) -> tuple[ColumnRole, list[str]]:
+    """Return the column of time with its unit, that of the header where the rate is possible, else
+    by the steps; and a sentence where the header says another.
     """
+    time = next(column for column in columns if column.role == "time")
     steps = np.concatenate([np.diff(log.columns[time.header]) for log in logs])
-    step = float(np.median(steps[steps > 0.0]))
-    unit = time.unit or "s"
-    size = unit_factor(unit, "s")
+    step = np.median(steps[steps > 0.0])
+    said = time.unit or "s"
+    rates = {
+        unit: 1.0 / (step * size)
+        for unit, size in {said: unit_factor(said, "s"), **USUAL["s"]}.items()
+    }
     slowest, fastest = RATES
-    if slowest <= 1.0 / (step * size) <= fastest:
-        return unit, []
-    possible = [
-        unit for unit, size in USUAL["s"].items() if slowest <= 1.0 / (step * size) <= fastest
-    ]
+    possible = [unit for unit, rate in rates.items() if slowest <= rate <= fastest]
     if not possible:
         raise RigError(f"{time.header} steps by {step:g}: no unit makes a rate of that")
-    note = (
-        f"{time.header} steps by {step:g}: taken as {possible[0]}, since in {unit} there would be "
-        f"{1.0 / (step * size):.3g} samples in a second"
-    )
-    return possible[0], [note]
+    unit = possible[0]
+    notes = []
+    if unit != said:
+        notes.append(
+            f"{time.header} steps by {step:g}: taken as {unit}, since in {said} there would be "
+            f"{rates[said]:.3g} samples in a second"
+        )
+    return replace(time, unit=unit), notes
 
 
-def rates_of(logs: Sequence[RawLog], time: ColumnRole, unit: str) -> dict[str, float]:
+def rates_of(logs: Sequence[RawLog], time: ColumnRole) -> dict[str, float]:
     """Return how often each column has a new sample [Hz]."""
     rates = dict[str, float]()
     for log in logs:
-        stamps = log.columns[time.header] * unit_factor(unit, "s")
+        stamps = log.columns[time.header] * factor_of_column(time)
         for name, values in log.columns.items():
             there = np.isfinite(values)
             if there.sum() > 1 and name not in rates:
-                span = max(float(np.ptp(stamps[there])), 1e-9)
+                span = max(np.ptp(stamps[there]), 1e-9)
                 rates[name] = float(f"{(there.sum() - 1) / span:.3g}")
     return rates
 
 
-@dataclass(frozen=True)
-class Thresholds:
+class THRESHOLDS:
     """What logs are judged by where nothing but judgement says how.
 
-    Args:
+    Attributes:
         windows: times over which derivatives may be taken [s]; steps of a finger take 0.1 s.
         of_speed: time over which speeds, and accelerations of drives, are taken [s].
         noise: noise of an acceleration per its RMS, above which it is taken over a longer time [1].
@@ -320,26 +305,23 @@ class Thresholds:
         zero_std: least standard deviation of the zero of a drive with two tendons [rad].
     """
 
-    windows: tuple[float, ...] = (0.02, 0.04, 0.08, 0.12, 0.2)
-    of_speed: float = 0.04
-    noise: float = 0.2
-    samples: int = 1500
-    turned: float = 0.01
-    slow: float = 0.03
-    clear_direction: float = 0.99
-    still_moves: float = 0.5
-    odd: float = 3.0
-    of_another_rig: float = 0.1
-    rigid: float = 0.01
-    joints_at_once: int = 5
-    largest_ratio: float = 4.0
-    usual_stiffness: tuple[float, float] = (2e3, 2e5)
-    share_of_pair: float = 1.5
-    start_std: float = 3.0
-    zero_std: float = 0.01
-
-
-THRESHOLDS = Thresholds()
+    windows = (0.02, 0.04, 0.08, 0.12, 0.2)
+    of_speed = 0.04
+    noise = 0.2
+    samples = 1500
+    turned = 0.01
+    slow = 0.03
+    clear_direction = 0.99
+    still_moves = 0.5
+    odd = 3.0
+    of_another_rig = 0.1
+    rigid = 0.01
+    joints_at_once = 5
+    largest_ratio = 4.0
+    usual_stiffness = (2e3, 2e5)
+    share_of_pair = 1.5
+    start_std = 3.0
+    zero_std = 0.01
 
 
 SMALLEST_WINDOW = 5
@@ -364,27 +346,11 @@ def window_of(angles: Floats, step: float, noise: float) -> int:
     for length in lengths:
         if length > len(angles):
             break
-        gain = float(np.sqrt(np.sum(savgol_coeffs(length, 3, deriv=2, delta=step) ** 2)))
-        acceleration = savgol_filter(angles, length, 3, deriv=2, delta=step)
-        if gain * noise < THRESHOLDS.noise * float(np.std(acceleration)):
+        gain = np.sqrt(np.sum(savgol_coeffs(length, 3, deriv=2, delta=step) ** 2))
+        acceleration = smoothed(angles, length, step, 2)
+        if gain * noise < THRESHOLDS.noise * np.std(acceleration):
             return length
     return lengths[-1]
-
-
-def speed_of(values: Floats, time: Floats) -> Floats:
-    """Return the speed of samples over `Thresholds.of_speed`, (k,).
-
-    Args:
-        values: (k,), NaN in gaps, which are bridged.
-        time: their stamps [s], (k,).
-    """
-    has_value = np.flatnonzero(np.isfinite(values))
-    step = float(np.median(np.diff(time)))
-    window = length_of(THRESHOLDS.of_speed, step)
-    if len(has_value) < 2 or window > len(values):
-        return np.zeros(len(values))
-    bridged = np.interp(time, time[has_value], values[has_value])
-    return smoothed(bridged, window, step, 1)
 
 
 def smoothed(values: Floats, window: int, step: float, order: int = 0) -> Floats:
@@ -416,25 +382,17 @@ correlation from one [1]; a joint differs by more, or lags. Source: judgement.
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def with_values(
-    names: Mapping[str, NameEvidence], logs: Sequence[RawLog], time: str
-) -> dict[str, NameEvidence]:
+def with_values(names: Names, logs: Sequence[RawLog], time: str) -> Names:
     """Return what names and values of columns say together: what goes as the speed of another
     column is no position; of two columns with the same values the one ahead is the other's goal.
     """
-    best = {header: max(ROLES, key=name.scores.__getitem__) for header, name in names.items()}
-    movers = [h for h, role in best.items() if role in ("position", "angle") and h != time]
-    moved = list[Floats]()
-    speeds = list[Floats]()
-    for log in logs if len(movers) > 1 else ():
-        values = np.column_stack([bridged(log.columns[header]) for header in movers])
-        moved.append(values - values.mean(axis=0))
-        speeds.append(smoothed(values, SMALLEST_WINDOW, 1.0, 1))
-    if not moved:
+    movers = [h for h, name in names.items() if name.best in ("position", "angle") and h != time]
+    if len(movers) < 2:
         return dict(names)
-    x = np.concatenate(moved)
-    v = np.concatenate(speeds)
-    size = np.sqrt(np.mean(x**2, axis=0))
+    read = [np.column_stack([bridged(log.columns[header]) for header in movers]) for log in logs]
+    x = np.concatenate([values - values.mean(axis=0) for values in read])
+    v = np.concatenate([smoothed(values, SMALLEST_WINDOW, 1.0, 1) for values in read])
+    size = rms(x)
     off = np.abs(np.subtract.outer(*2 * [[np.nanmean(logs[0].columns[h]) for h in movers]]))
     by_speed = x.T @ v / len(x) / np.outer(size, np.std(v, axis=0))
     alike = np.abs(np.divide.outer(size, size) - 1.0) < ALIKE
@@ -442,13 +400,13 @@ def with_values(
     result = dict(names)
     for i, header in enumerate(movers):
         name = names[header]
-        sure = name.scores[best[header]] >= SURE
+        sure = name.scores[name.best] >= SURE
         if not sure and (by_speed[i] > 1.0 - ALIKE).any():
             result[header] = as_role(name, "other")
         for j in np.flatnonzero(alike[i]):
             other = names[movers[j]]
             # motors that go together are called alike
-            is_pair = best[movers[j]] == best[header] and other.kind_of_name != name.kind_of_name
+            is_pair = other.best == name.best and other.kind_of_name != name.kind_of_name
             if is_pair and v[:, i] @ (x[:, j] - x[:, i]) < 0.0:
                 result[header] = as_role(name, "command")
     return result
@@ -479,42 +437,53 @@ Tibshirani and Friedman 2009, section 7.10, with two in place of one).
 """
 
 
-def scaled_solution(matrix: Floats, target: Floats) -> tuple[Floats, float]:
-    """Return the solution of least squares, (n,), by columns that are scaled to one size, and the
-    RMS of what it leaves.
+def rms(values: Floats) -> Floats:
+    """Return the root of the mean square of samples along their first axis."""
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def scaled_solution(matrix: Floats, target: Floats) -> Floats:
+    """Return the solution of least squares, (n,), by columns that are scaled to one size.
 
     Args:
         matrix: columns, (n_samples, n).
         target: (n_samples,).
     """
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
-    solution = np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0] / size
-    return solution, float(np.sqrt(np.mean((target - matrix @ solution) ** 2)))
+    size = np.maximum(rms(matrix), 1e-300)
+    return np.asarray(np.linalg.lstsq(matrix / size, target, rcond=1e-9)[0] / size)
 
 
-def left_out(parts: Sequence[tuple[Floats, Floats]]) -> list[Floats]:
+Equations = tuple[Floats, Floats]
+"""What a regression of a log takes: a matrix, (k, n), and a target, (k,)."""
+
+
+def stacked(parts: Iterable[Equations]) -> Equations:
+    """Return the equations of several logs as one."""
+    matrices, targets = zip(*parts)
+    return np.vstack(matrices), np.concatenate(targets)
+
+
+def left_out(parts: Sequence[Equations]) -> list[Floats]:
     """Return what each of several logs has left of its target, (k,) each, by the solution of all
-    others; of a single log by its own. Each log is a matrix, (k, n), and a target, (k,).
+    others; of a single log by its own.
     """
     residuals = []
     for k, (matrix, target) in enumerate(parts):
         training = [part for i, part in enumerate(parts) if i != k] or parts
-        solution, _ = scaled_solution(
-            np.vstack([columns for columns, _ in training]),
-            np.concatenate([values for _, values in training]),
-        )
-        residuals.append(target - matrix @ solution)
+        residuals.append(target - matrix @ scaled_solution(*stacked(training)))
     return residuals
 
 
-def relative_errors(matrix: Floats, window: int) -> Floats:
-    """Return the standard errors of the coefficients of a `matrix`, (n,), per RMS of what is left,
-    where the samples of a `window`, over which both sides are smoothed, count as one.
+def with_errors(matrix: Floats, target: Floats, window: int) -> tuple[Floats, Floats]:
+    """Return this solution and its standard errors, (n,) each, where the samples of a `window`,
+    over which both sides are smoothed, count as one.
     """
-    size = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    solution = scaled_solution(matrix, target)
+    left = rms(target - matrix @ solution)
+    size = np.maximum(rms(matrix), 1e-300)
     scaled = matrix / size
     covariance = np.linalg.pinv(scaled.T @ scaled / window)
-    return np.asarray(np.sqrt(np.diag(covariance)) / size)
+    return solution, left * np.sqrt(np.diag(covariance)) / size
 
 
 def factor_of_column(column: ColumnRole) -> float:
@@ -549,15 +518,45 @@ class MotionData:
     efforts: Floats
     angles: Floats
 
+    @property
+    def step(self) -> float:
+        """Usual time between samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def window(self) -> int:
+        """Number of samples over which speeds are taken, by `THRESHOLDS.of_speed`."""
+        return length_of(THRESHOLDS.of_speed, self.step)
+
+    @property
+    def is_known(self) -> Bools:
+        """When all angles are known, (n_samples,)."""
+        return np.asarray(np.isfinite(self.angles).all(axis=1))
+
+    def speed_of(self, values: Floats) -> Floats:
+        """Return the speed of samples, (n_samples,), in which gaps are NaN, which are bridged."""
+        has_value = np.isfinite(values)
+        if has_value.sum() < 2 or self.window > len(values):
+            return np.zeros(len(values))
+        even = np.interp(self.time, self.time[has_value], values[has_value])
+        return smoothed(even, self.window, self.step, 1)
+
+    def is_fast(self, values: Floats) -> Bools:
+        """Return when samples, (n_samples,), change so fast that friction has a direction."""
+        speed = np.abs(self.speed_of(values))
+        return np.asarray(speed > THRESHOLDS.slow * rms(speed))
+
     def moves(self, drive: int) -> Bools:
         """Return when a drive moves, so that friction acts against its direction, (n_samples,)."""
-        speed = np.abs(speed_of(self.positions[:, drive], self.time))
-        fast = speed > THRESHOLDS.slow * np.sqrt(np.mean(speed**2))
-        moving: Bools = fast & (np.abs(self.directions[:, drive]) > THRESHOLDS.clear_direction)
-        return moving
+        is_clear = np.abs(self.directions[:, drive]) > THRESHOLDS.clear_direction
+        return np.asarray(self.is_fast(self.positions[:, drive]) & is_clear)
 
 
-def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
+Logs = Sequence[MotionData]
+"""The logs of one rig."""
+
+
+def motion_data(log: RawLog, columns: Columns) -> MotionData:
     """Return a log as drives, efforts and joints, missing positions held."""
     stamp = next(column for column in columns if column.role == "time")
     drives = [column for column in columns if column.role == "position"]
@@ -566,32 +565,31 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
     stride = max(1, log.rows // THRESHOLDS.samples)
     time = log.columns[stamp.header] * factor_of_column(stamp)
 
+    nothing = np.full(len(time[::stride]), np.nan)
+
     def smooth(column: ColumnRole | None) -> Floats:
         if column is None:
-            return np.full(len(time[::stride]), np.nan)
-        values = in_si(column, log.columns[column.header], factor_of_column(column))
+            return nothing
+        values = log.columns[column.header].copy()
+        if column.values.turn is not None:
+            there = np.isfinite(values)
+            values[there] = np.unwrap(values[there], period=column.values.turn)
+        values *= factor_of_column(column)
         if column.role == "angle":
-            values = np.where(held_samples(values) | jumps_away(values), np.nan, values)
+            values[held_samples(values) | jumps_away(values)] = np.nan
         present = np.flatnonzero(np.isfinite(values))
         if len(present) < 2:
-            return np.full(len(time[::stride]), np.nan)
-        rows = np.arange(len(values))
-        bridged = np.interp(rows, present, values[present])
+            return nothing
+        even = bridged(values)
         if column.role == "angle":
             # a slow camera is bridged between its samples, also where one is lost, a gap is not
-            nearest = np.abs(
-                rows - present[np.searchsorted(present, rows).clip(0, len(present) - 1)]
-            )
-            before = present[(np.searchsorted(present, rows, side="right") - 1).clip(0)]
-            nearest = np.minimum(nearest, np.abs(rows - before))
-            bridged[nearest > np.median(np.diff(present))] = np.nan
-        values = bridged
+            nearest = distance_transform_edt(~np.isfinite(values))
+            even[nearest > np.median(np.diff(present))] = np.nan
         kernel = np.ones(stride) / stride
-        padded = np.pad(values, (stride // 2, stride - 1 - stride // 2), mode="edge")
-        return np.asarray(np.convolve(padded, kernel, mode="valid")[::stride])
+        return np.asarray(correlate1d(even, kernel, mode="nearest")[::stride])
 
     positions = np.column_stack([smooth(column) for column in drives])
-    widths = [max(THRESHOLDS.turned * float(np.ptp(values)), 1e-12) for values in positions.T]
+    widths = np.maximum(THRESHOLDS.turned * np.ptp(positions, axis=0), 1e-12)
     directions = np.column_stack(
         [(values - played(values, half)) / half for values, half in zip(positions.T, widths)]
     )
@@ -601,7 +599,5 @@ def motion_data(log: RawLog, columns: Sequence[ColumnRole]) -> MotionData:
         positions,
         directions,
         np.column_stack([smooth(efforts.get(column.part)) for column in drives]),
-        np.column_stack([smooth(column) for column in joints])
-        if joints
-        else np.empty((len(positions), 0)),
+        np.column_stack([smooth(column) for column in joints]),
     )

@@ -16,8 +16,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import cast
@@ -31,7 +30,9 @@ from distal.from_logs.column_names import (
     SURE,
     TAKEN_FORCES,
     ColumnRole,
+    Columns,
     NameEvidence,
+    Names,
     Role,
     Sureness,
     ValueEvidence,
@@ -52,11 +53,10 @@ from distal.from_logs.drafted_parts import (
     reference,
 )
 from distal.from_logs.drive_and_tendon_sizes import (
-    FoundDrive,
-    FoundJoint,
+    Drives,
+    Joints,
     check_arms,
     check_explained,
-    check_moved,
     drive_in_words,
     drives_of,
     joints_of,
@@ -65,13 +65,13 @@ from distal.from_logs.drive_and_tendon_sizes import (
 )
 from distal.from_logs.link_masses_and_stops import MASS, Links, links_of
 from distal.from_logs.motion_data import (
-    MotionData,
+    Logs,
     RawLog,
     motion_data,
     rates_of,
     read_raw,
     time_column,
-    time_unit,
+    time_of,
     with_same_columns,
     with_values,
     without_repeats,
@@ -95,9 +95,9 @@ class Overrides:
         ignore: headers that are none of this.
     """
 
-    truth: tuple[str, ...] = ()
+    truth: Sequence[str] = ()
     drives: Mapping[str, str] = field(default_factory=dict)
-    ignore: tuple[str, ...] = ()
+    ignore: Sequence[str] = ()
 
 
 def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRole]:
@@ -109,31 +109,35 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
     """
     headers = list(logs[0].columns)
     drives = {_header(name, headers): unit for name, unit in overrides.drives.items()}
-    roles_by_name: dict[str, Role] = {_header(name, headers): "angle" for name in overrides.truth}
-    roles_by_name |= dict.fromkeys(drives, "position")
-    roles_by_name |= {_header(name, headers): "other" for name in overrides.ignore}
+    given: Mapping[Role, Iterable[str]] = {
+        "angle": overrides.truth,
+        "position": drives,
+        "other": overrides.ignore,
+    }
+    roles_by_name = {_header(name, headers): role for role in given for name in given[role]}
     alone = {header: name_evidence(header, headers) for header in headers}
-    time = time_column(logs, headers, alone)
+    time = time_column(logs, alone)
     names = with_families(with_values(alone, logs, time))
     values = {header: value_evidence([log.columns[header] for log in logs]) for header in headers}
     if time in roles_by_name:
         raise LogError(f"'{time}' is the only column that increases: it is the time")
     # nothing else is a second time
-    constant = {
-        header
-        for header in headers
-        if values[header].is_constant or _best(names[header].scores) == "time"
-    }
     scores = {header: {**names[header].scores, "time": -CERTAIN} for header in headers}
-    known: dict[str, Role] = {**dict.fromkeys(constant, "other"), time: "time", **roles_by_name}
+    known: dict[str, Role] = {
+        header: "other"
+        for header in headers
+        if values[header].is_constant or names[header].best == "time"
+    }
+    known[time] = "time"
+    known |= roles_by_name
     for header, role in known.items():
         scores[header][role] = CERTAIN
     open_headers = [header for header in headers if header not in known]
     # where a user names some, a column whose name does not say so is none
-    for role, given in (("position", overrides.drives), ("angle", overrides.truth)):
-        for header in open_headers if given else ():
-            if names[header].scores[role] < SURE:
-                scores[header][role] = -CERTAIN
+    for said in ("position", "angle"):
+        for header in open_headers if given[said] else ():
+            if names[header].scores[said] < SURE:
+                scores[header][said] = -CERTAIN
     _tell_joints(scores, open_headers, names)
     found = []
     for header in headers:
@@ -169,16 +173,15 @@ def _header(name: str, headers: Sequence[str]) -> str:
 def _tell_joints(
     scores: Mapping[str, dict[Role, float]],
     headers: Sequence[str],
-    names: Mapping[str, NameEvidence],
+    names: Names,
 ) -> None:
     """Take columns that may be drives or joints for the ones where names tell only the others.
     Where names or units tell others, those whose names say nothing are passed over; where they tell
     neither, the last one may be a joint's. `scores` are changed in place.
     """
     movers = [h for h in headers if _best(scores[h]) in ("position", "angle")]
-    margins = {h: names[h].scores["position"] - names[h].scores["angle"] for h in movers}
-    unclear = [header for header in movers if abs(margins[header]) < LIKELY]
-    named: set[Role] = {_best(names[header].scores) for header in {*movers} - {*unclear}}
+    unclear = [header for header in movers if abs(names[header].margin) < LIKELY]
+    named = {names[header].best for header in {*movers} - {*unclear}}
     others_say = len(named) > 1 or not all(names[header].says_nothing for header in unclear)
     for header in unclear:
         if others_say and names[header].says_nothing:
@@ -217,9 +220,7 @@ def _role(
     return ColumnRole(header, role, "", "", "", sureness, "a guess", ", ".join(reasons), values)
 
 
-def _with_parts(
-    columns: Sequence[ColumnRole], names: Mapping[str, NameEvidence]
-) -> list[ColumnRole]:
+def _with_parts(columns: Columns, names: Names) -> list[ColumnRole]:
     """Return columns with the drive or joint that each is of. An effort or a command is of the
     drive of its name, else of the next one in order.
     """
@@ -286,32 +287,30 @@ def draft_columns(
         LogError: a log cannot be read, or has no time.
     """
     raw, _ = with_same_columns([read_raw(path, rate=rate) for path in logs])
-    columns = column_roles(raw, Overrides(tuple(truth), dict(drives or {}), tuple(ignore)))
-    time = next(column for column in columns if column.role == "time")
-    unit = time_unit(time, raw)[0]
-    rates = rates_of(raw, time, unit)
+    columns = column_roles(raw, Overrides(truth, drives or {}, ignore))
+    time, _ = time_of(columns, raw)
+    rates = rates_of(raw, time)
     headers = {name for column in columns for name in (column.header, column_of(column))}
     assignments = list[str]()
     lines = list[str]()
     if rate is not None:
         assignments.append(f"log.time.rate={rate}")
     elif rig.log.time.rate is None and rig.log.time.column not in headers:
-        assignments.append(f"log.time={{column={_quoted(column_of(time))},unit='{unit}'}}")
+        assignments.append(f"log.time={{column={_quoted(time)},unit='{time.unit}'}}")
         lines.append(f"the time is in column {time.header}")
     for measures, role in ROLE_OF.items():
         sensors = [sensor for sensor in rig.sensors if sensor.measures == measures]
         alike = [column for column in columns if column.role == role]
         by_part = {_plain(column.part): column for column in alike}
-        counts = Counter(_plain(sensor.of) for sensor in sensors)
-        for sensor in sensors:
-            part = _plain(sensor.of)
-            column = by_part.get(part) if counts[part] == 1 else None
+        parts = [_plain(sensor.of) for sensor in sensors]
+        for sensor, part in zip(sensors, parts):
+            column = by_part.get(part) if parts.count(part) == 1 else None
             if len(sensors) == len(alike) == 1:
                 column = alike[0]
             if column is None or sensor.log_column in headers:
                 continue
             name = sensor.name
-            assignments.append(f"sensors.{name}.column={_quoted(column_of(column))}")
+            assignments.append(f"sensors.{name}.column={_quoted(column)}")
             assignments.append(f"sensors.{name}.rate={rates[column.header]}")
             if name_and_unit(column.header)[1] is not None:
                 assignments.append(f"sensors.{name}.unit='{column.unit}'")
@@ -319,9 +318,9 @@ def draft_columns(
     return DraftColumns(tuple(assignments), tuple(lines))
 
 
-def _quoted(text: str) -> str:
-    """Return a text as a TOML string, which a quotation mark in it does not end."""
-    return json.dumps(text, ensure_ascii=False)
+def _quoted(column: ColumnRole) -> str:
+    """Return a column's name as a TOML string, which a quotation mark in it does not end."""
+    return json.dumps(column_of(column), ensure_ascii=False)
 
 
 def _plain(name: str) -> str:
@@ -330,7 +329,7 @@ def _plain(name: str) -> str:
     return re.sub(r"^(motor|servo|drive|m)(?=\d+$)", "", letters)
 
 
-def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> list[int | None]:
+def parents_of(joints: Joints, drives: Drives) -> list[int | None]:
     """Return the joint on whose link each joint sits, None for the base.
 
     Joints whose tendons' forces are not read, or that follow others, are on the base: no log shows
@@ -338,21 +337,21 @@ def parents_of(joints: Sequence[FoundJoint], drives: Sequence[FoundDrive]) -> li
     """
     crossing = [{drive.index for drive, _ in pulls_of(j, drives)} for j in range(len(joints))]
     read = {drive.index for drive in drives if drive.effort is not None}
-    able = [bool(indices) and indices <= read for indices in crossing]
+    crossing = [indices if indices <= read else set() for indices in crossing]
     order = sorted(range(len(joints)), key=lambda j: (-len(crossing[j]), j))
     parents: list[int | None] = [None] * len(joints)
     for rank, j in enumerate(order):
-        before = [i for i in order[:rank] if able[i] and crossing[j] <= crossing[i]]
-        if able[j] and before:
+        before = [i for i in order[:rank] if crossing[j] <= crossing[i]]
+        if crossing[j] and before:
             parents[j] = before[-1]
     return parents
 
 
 def in_series(
     raw: Raw,
-    joints: Sequence[FoundJoint],
-    drives: Sequence[FoundDrive],
-    logs: Sequence[MotionData],
+    joints: Joints,
+    drives: Drives,
+    logs: Logs,
 ) -> Raw:
     """Return a raw description in which joints in series carry links, if logs tell that they do.
 
@@ -366,24 +365,23 @@ def in_series(
     carrying = [j for j in range(len(joints)) if parents[j] is not None or j in parents]
     if not carrying:
         return raw
-    usual = Links(True, ((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
+    usual = Links(((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
     rig = Imported.of(_with_links(raw, joints, parents, carrying, usual), "links", "logs", ()).rig
     links = links_of(rig, carrying, joints, drives, logs)
-    if not links.joined:
+    if links is None:
         return raw
     return _with_links(raw, joints, parents, carrying, links)
 
 
 def _with_links(
     raw: Raw,
-    joints: Sequence[FoundJoint],
+    joints: Joints,
     parents: Sequence[int | None],
     carrying: Sequence[int],
     links: Links,
 ) -> Raw:
     """Return a description in which the joints that are `carrying` have such links."""
     described = deepcopy(cast(list[Raw], raw["joints"]))
-    length = number(LENGTH, "mm")
     for j, (mass, std) in zip(carrying, links.masses):
         parent = parents[j]
         described[j]["inertia"] = Guess("2e-6 kg m^2", "inertia of joints")
@@ -393,7 +391,9 @@ def _with_links(
         }
         if parent is not None:
             described[j]["parent"] = joints[parent].name
-            described[j]["offset"] = Guess([length, "0 mm", "0 mm"], "lengths of links")
+            described[j]["offset"] = Guess(
+                [number(LENGTH, "mm"), "0 mm", "0 mm"], "lengths of links"
+            )
     along_x, along_z = (number(part, "m/s^2") for part in links.gravity)
     gravity: object = [along_x, "0 m/s^2", along_z]
     if links.gravity == (0.0, 0.0):
@@ -402,7 +402,7 @@ def _with_links(
     return {**raw, "base": {"gravity": gravity}, "joints": [described[j] for j in order]}
 
 
-def _in_order(joints: Sequence[FoundJoint], parents: Sequence[int | None]) -> list[int]:
+def _in_order(joints: Joints, parents: Sequence[int | None]) -> list[int]:
     """Return the joints, each behind the one that carries it and the one that it follows."""
     names = [joint.name for joint in joints]
 
@@ -420,55 +420,51 @@ and Kotiuk 2010).
 """
 
 TRUTH = "true_"
-"""Beginning of the columns in which a log has its own truth. Source: `distal.logs.Log.columns`."""
+"""Beginning of the columns in which a log has its own truth, which a rig file needs not name.
+Source: `distal.logs.Log.columns`.
+"""
 
 
 def raw_description(
     title: str,
-    time: ColumnRole,
+    time: Raw,
     rates: Mapping[str, float],
-    joints: Sequence[FoundJoint],
-    drives: Sequence[FoundDrive],
-    logs: Sequence[MotionData],
+    joints: Joints,
+    drives: Drives,
+    logs: Logs,
 ) -> Raw:
     """Return the description of a rig; what no log tells is a `Guess` with a wide std.
 
     Args:
         title: name of the rig.
-        time: its column.
+        time: where a log has it.
         rates: header of a column → its samples per second [Hz].
         joints: in the order of their columns.
         drives: the same.
         logs: all of them.
     """
     taken = []
-    if any(not drive.sizes.is_slider for drive in drives):
+    if any(not drive.is_slider for drive in drives):
         taken.append("length")
     if not all(_knows_force(drive.effort) for drive in drives):
         taken.append("force")
     raw: Raw = {
         "name": title,
         "taken": taken,
-        "log": {"time": log_time(time)},
+        "log": {"time": time},
         "joints": [raw_joint(j, joint, drives, logs) for j, joint in enumerate(joints)],
         "drives": [raw_drive(drive) for drive in drives],
         "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints)],
         "sensors": [
             *(sensor for drive in drives for sensor in drive_sensors(drive, rates)),
-            *(reference(joint, rates) for joint in joints if not _is_truth(joint.angle)),
+            *(
+                reference(joint, rates)
+                for joint in joints
+                if not joint.angle.header.startswith(TRUTH)
+            ),
         ],
     }
     return in_series(raw, joints, drives, logs)
-
-
-def log_time(time: ColumnRole) -> Raw:
-    """Return where a log has its time."""
-    return {"column": column_of(time), "unit": time.unit}
-
-
-def _is_truth(column: ColumnRole) -> bool:
-    """Return whether a log's own truth is in a column, which a rig file needs not name."""
-    return column.header.startswith(TRUTH)
 
 
 def _knows_force(effort: ColumnRole | None) -> bool:
@@ -522,49 +518,45 @@ def rig_from_logs(
         LogError: a log cannot be read, or has no time.
         RigError: no drive or no joint can be found; says what would help.
     """
-    overrides = Overrides(tuple(truth), dict(drives or {}), tuple(ignore))
+    overrides = Overrides(truth, drives or {}, ignore)
     # what names leave open is asked before long logs are read
     _ask(column_roles([read_raw(logs[0], FIRST_ROWS, rate)], overrides))
     raw, lacking = with_same_columns([read_raw(path, rate=rate) for path in logs])
     columns = column_roles(raw, overrides)
     _ask(columns)
     references = [column for column in columns if column.role == "angle"]
-    time = next(column for column in columns if column.role == "time")
-    unit, notes = time_unit(time, raw)
+    time, notes = time_of(columns, raw)
     notes += left_columns(raw, columns, lacking)
-    time = replace(time, unit=unit)
     columns = [time if column.role == "time" else column for column in columns]
     pairs = [without_repeats(log, time.header) for log in raw]
-    repeated = next((done for _, done in pairs if done is not None), None)
-    if repeated is not None:
+    repeated = next((done for _, done in pairs if done), None)
+    if repeated:
         done = "they are spread evenly" if repeated == "spread" else "the first ones are kept"
         count = sum(log.rows - len(np.unique(log.columns[time.header])) for log in raw)
         notes.append(f"{count} rows have the stamp of the row before: {done}")
     raw = [log for log, _ in pairs]
     data = [motion_data(log, columns) for log in raw]
-    _ask_others(columns, raw, data)
+    _ask_others(columns, raw)
     notes += remarks(raw, columns, data)
     joints = joints_of(references, data)
     free = [j for j, joint in enumerate(joints) if joint.follows is None]
     moving, untellable, left = drives_of(columns, joints, free, data)
     notes += left
-    check_moved(joints, free, moving)
     check_arms(joints, moving)
     asked = [c.header for c in references if {c.header, name_and_unit(c.header)[0]} & {*truth}]
     notes += check_explained(joints, free, data, asked)
-    rates = rates_of(raw, time, unit)
-    description = raw_description(name, time, rates, joints, moving, data)
-    if repeated is not None:
-        description["log"] = {"time": {**log_time(time), "repeated": repeated}}
+    log_time: Raw = {"column": column_of(time), "unit": time.unit}
+    if repeated:
+        log_time["repeated"] = repeated
     if rate is not None:
-        description["log"] = {"time": {"rate": rate}}
+        log_time = {"rate": rate}
+    description = raw_description(name, log_time, rates_of(raw, time), joints, moving, data)
     imported = Imported.of(description, name, "logs", ())
-    structure = tuple(drive_in_words(drive, joints) for drive in moving)
     return RigFromLogs(
         imported.rig,
         imported.text,
         tuple(columns),
-        structure,
+        tuple(drive_in_words(drive, joints) for drive in moving),
         tuple(untellable),
         tuple(notes),
         imported.missing,
@@ -576,7 +568,7 @@ FIRST_ROWS = 2000
 """
 
 
-def _ask(columns: Sequence[ColumnRole]) -> None:
+def _ask(columns: Columns) -> None:
     """Raise a `RigError` where it is open which columns are drives and which are joints; it
     proposes the options that say so.
     """
@@ -602,19 +594,18 @@ def _ask(columns: Sequence[ColumnRole]) -> None:
         )
 
 
-def _ask_others(
-    columns: Sequence[ColumnRole], raw: Sequence[RawLog], logs: Sequence[MotionData]
-) -> None:
+def _ask_others(columns: Columns, raw: Sequence[RawLog]) -> None:
     """Raise a `RigError` where a column whose name says nothing moves as the drives do, so that it
     may be a joint that was forgotten.
     """
     joints = ",".join(column.header for column in columns if column.role == "angle")
+    others = [column for column in columns if column.role != "angle"]
     for column in columns:
         if column.role != "other" or column.sureness != "a guess":
             continue
         as_angle = replace(column, role="angle", unit="", si="")
-        moved = [motion_data(log, [*_without_angles(columns), as_angle]) for log in raw]
-        left = float(unexplained(moved, range(logs[0].positions.shape[1]))[0])
+        moved = [motion_data(log, [*others, as_angle]) for log in raw]
+        left = unexplained(moved)[0]
         if left <= 1.0 - EXPLAINED:
             every = shlex.quote(f"{joints},{column.header}")
             raise RigError(
@@ -624,9 +615,5 @@ def _ask_others(
             )
 
 
-def _without_angles(columns: Sequence[ColumnRole]) -> list[ColumnRole]:
-    return [column for column in columns if column.role != "angle"]
-
-
-def _all(columns: Sequence[ColumnRole]) -> str:
+def _all(columns: Columns) -> str:
     return one_line("; ".join(f"{column.header}: {column.role}" for column in columns), 180)

@@ -26,20 +26,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.from_logs.column_names import ColumnRole, longest_run
+from distal.from_logs.column_names import Columns, longest_run
 from distal.from_logs.motion_data import (
     BETTER,
     THRESHOLDS,
     WITHIN,
-    MotionData,
+    Equations,
+    Logs,
     RawLog,
     left_out,
+    rms,
     scaled_solution,
+    stacked,
 )
 from distal.logs import Log, jumps_away, said_of_jumps
 from distal.logs.raw_to_si import FEWEST
@@ -85,7 +89,8 @@ class DriveStructure:
         zero: mean of c over the logs, at zero effort.
         zero_spread: standard deviation of c between logs.
         explained: share of the drive's variance that the joints alone explain there.
-        rival: the other set of joints whose error is within two standard errors, if there is one.
+        rival: the other set of joints whose error is within two standard errors, empty if there is
+            none.
     """
 
     joints: tuple[int, ...]
@@ -102,7 +107,7 @@ class DriveStructure:
     zero: float
     zero_spread: float
     explained: float
-    rival: tuple[int, ...] | None
+    rival: tuple[int, ...]
 
     @property
     def knows_compliance(self) -> bool:
@@ -119,8 +124,7 @@ class DriveStructure:
         return np.asarray(-taken / self.compliance)
 
 
-@dataclass(frozen=True)
-class Fold:
+class Fold(NamedTuple):
     """A log for one drive: columns of the regression without a constant, and the drive."""
 
     angles: Floats
@@ -128,9 +132,11 @@ class Fold:
     target: Floats
 
 
-def drive_structure(
-    logs: Sequence[MotionData], drive: int, free: Sequence[int]
-) -> DriveStructure | None:
+Folds = Sequence[Fold]
+"""Several logs for one drive, or the parts of one."""
+
+
+def drive_structure(logs: Logs, drive: int, free: Sequence[int]) -> DriveStructure | None:
     """Return what a drive moves of the joints that are `free`, by their indices; None where no log
     knows their angles.
     """
@@ -139,33 +145,27 @@ def drive_structure(
         return None
     candidates = _candidates(folds, free)
     errors = {joints: _block_errors(folds, joints) for joints in candidates}
-    best = min(errors, key=lambda joints: float(np.mean(errors[joints])))
+    best = min(errors, key=lambda joints: np.mean(errors[joints]))
     near = [joints for joints in candidates if _is_within(errors[joints], errors[best])]
-    chosen = min(near, key=lambda joints: (len(joints), float(np.mean(errors[joints]))))
+    chosen = min(near, key=lambda joints: (len(joints), np.mean(errors[joints])))
     chosen = _without_small(folds, chosen)
     rivals = [joints for joints in near if len(joints) == len(chosen) and joints != chosen]
-    return _described(logs, drive, chosen, rivals[0] if rivals else None)
+    return described(logs, drive, chosen, next(iter(rivals), ()))
 
 
 def with_joint(
-    logs: Sequence[MotionData], drive: int, structure: DriveStructure, joint: int
+    logs: Logs, drive: int, structure: DriveStructure, joint: int
 ) -> tuple[DriveStructure, float]:
     """Return what a drive moves if it moves one joint more, and its mean squared error on logs left
     out over that without this joint.
     """
     folds = folds_of(logs, drive)
     more = tuple(sorted((*structure.joints, joint)))
-    ratio = np.mean(_block_errors(folds, more)) / np.mean(_block_errors(folds, structure.joints))
-    return _described(logs, drive, more, None), float(ratio)
+    ratio = _error(folds, more) / _error(folds, structure.joints)
+    return described(logs, drive, more, ()), ratio
 
 
-def as_rival(logs: Sequence[MotionData], drive: int, structure: DriveStructure) -> DriveStructure:
-    """Return what a drive moves if it moves its rival set of joints."""
-    assert structure.rival is not None
-    return _described(logs, drive, structure.rival, structure.joints)
-
-
-def folds_of(logs: Sequence[MotionData], drive: int, moving: bool = False) -> list[Fold]:
+def folds_of(logs: Logs, drive: int, moving: bool = False) -> Folds:
     """Return the logs for one drive, of which only samples in which it is `moving` may count."""
     folds = []
     for log in logs:
@@ -173,7 +173,7 @@ def folds_of(logs: Sequence[MotionData], drive: int, moving: bool = False) -> li
         regressors = [log.directions[:, drive]]
         if np.isfinite(effort).all():
             regressors.append(effort)
-        usable = np.isfinite(log.angles).all(axis=1)
+        usable = log.is_known
         if moving and (usable & log.moves(drive)).sum() >= FEWEST:
             usable &= log.moves(drive)
         if usable.sum() < FEWEST:
@@ -186,52 +186,44 @@ def folds_of(logs: Sequence[MotionData], drive: int, moving: bool = False) -> li
             )
         )
     if len(folds) == 1:
-        (fold,) = folds
-        columns = (fold.angles, fold.others, fold.target)
-        return [Fold(*parts) for parts in zip(*(np.array_split(c, BLOCKS) for c in columns))]
+        return [Fold(*parts) for parts in zip(*(np.array_split(c, BLOCKS) for c in folds[0]))]
     return folds
 
 
-def _candidates(folds: Sequence[Fold], free: Sequence[int]) -> list[tuple[int, ...]]:
+def _candidates(folds: Folds, free: Sequence[int]) -> list[tuple[int, ...]]:
     """Return the sets of joints that a drive may move."""
     joints = list(free)
     if len(joints) > THRESHOLDS.joints_at_once:
-        alone = {j: float(np.mean(_block_errors(folds, (j,)))) for j in joints}
+        alone = {j: _error(folds, (j,)) for j in joints}
         joints = sorted(sorted(joints, key=lambda j: alone[j])[: THRESHOLDS.joints_at_once])
     return [chosen for size in range(1, len(joints) + 1) for chosen in combinations(joints, size)]
 
 
-def _centred(fold: Fold, joints: Sequence[int]) -> tuple[Floats, Floats]:
+def _centred(fold: Fold, joints: Sequence[int]) -> Equations:
     """Return columns and target of a log about their means: each log has a zero of its own."""
-    columns = np.column_stack([fold.angles[:, list(joints)], fold.others])
+    columns = np.column_stack([fold.angles[:, joints], fold.others])
     return columns - columns.mean(axis=0), fold.target - fold.target.mean()
 
 
-def _solve(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
-    """Return the coefficients of least squares over several logs."""
-    return scaled_solution(*pooled(folds, joints))[0]
-
-
-def pooled(folds: Sequence[Fold], joints: Sequence[int]) -> tuple[Floats, Floats]:
+def pooled(folds: Folds, joints: Sequence[int]) -> Equations:
     """Return columns and target of several logs, each about its own mean."""
-    parts = [_centred(fold, joints) for fold in folds]
-    return np.vstack([matrix for matrix, _ in parts]), np.concatenate([v for _, v in parts])
+    return stacked(_centred(fold, joints) for fold in folds)
 
 
-def _sizes(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
-    """Return the coefficients of `_solve`, by the regression of the effort on the others where that
-    explains it well.
+def _sizes(folds: Folds, joints: Sequence[int]) -> Floats:
+    """Return the coefficients of least squares over several logs, by the regression of the effort
+    on the others where that explains it well.
 
     Friction and noise are errors of the effort, not of the position. With the effort among the
     causes they would make the compliance too small (regression dilution; Fuller 1987, section 1.1).
     """
-    forward = _solve(folds, joints)
+    columns, position = pooled(folds, joints)
+    forward = scaled_solution(columns, position)
     effort = len(joints) + 1
     if len(forward) <= effort:
         return forward
-    columns, position = pooled(folds, joints)
     causes = np.column_stack([np.delete(columns, effort, axis=1), position])
-    solution, _ = scaled_solution(causes, columns[:, effort])
+    solution = scaled_solution(causes, columns[:, effort])
     compliance = 1.0 / solution[-1]
     # their ratio is the squared correlation of effort and position, given all else
     if forward[effort] / compliance < EXPLAINED:
@@ -239,34 +231,41 @@ def _sizes(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
     return np.asarray(np.insert(-compliance * solution[:-1], effort, compliance))
 
 
-def _block_errors(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
+def _block_errors(folds: Folds, joints: Sequence[int]) -> Floats:
     """Return mean squared errors of parts of each log, by the coefficients of the other logs."""
     residuals = left_out([_centred(fold, joints) for fold in folds])
     parts = [part for errors in residuals for part in np.array_split(errors, BLOCKS)]
     return np.array([np.mean(errors**2) for errors in parts])
 
 
+def _error(folds: Folds, joints: Sequence[int]) -> float:
+    """Return the mean of these errors."""
+    return float(np.mean(_block_errors(folds, joints)))
+
+
 def _is_within(errors: Floats, least: Floats) -> bool:
     """Return whether errors are within `WITHIN` standard errors of the least, in pairs."""
     difference = errors - least
-    standard_error = float(np.std(difference)) / np.sqrt(max(len(difference) - 1, 1))
+    standard_error = np.std(difference) / np.sqrt(max(len(difference) - 1, 1))
     return bool(np.mean(difference) <= WITHIN * standard_error)
 
 
-def _without_small(folds: Sequence[Fold], joints: tuple[int, ...]) -> tuple[int, ...]:
+def _without_small(folds: Folds, joints: tuple[int, ...]) -> tuple[int, ...]:
     """Return joints without those whose motion hardly moves the drive; the largest stays."""
-    coefficients = _solve(folds, joints)[: len(joints)]
-    widths = np.ptp(np.vstack([fold.angles for fold in folds]), axis=0)[list(joints)]
-    moved = np.abs(coefficients) * widths
-    range_of_drive = float(np.ptp(np.concatenate([fold.target for fold in folds])))
+    coefficients = scaled_solution(*pooled(folds, joints))
+    widths = np.ptp(np.vstack([fold.angles[:, joints] for fold in folds]), axis=0)
+    moved = np.abs(coefficients[: len(joints)]) * widths
+    range_of_drive = np.ptp(np.concatenate([fold.target for fold in folds]))
     kept = tuple(j for j, way in zip(joints, moved) if way > SMALLEST_SHARE * range_of_drive)
     return kept or (joints[int(np.argmax(moved))],)
 
 
-def _described(
-    logs: Sequence[MotionData], drive: int, joints: tuple[int, ...], rival: tuple[int, ...] | None
+def described(
+    logs: Logs, drive: int, joints: tuple[int, ...], rival: tuple[int, ...]
 ) -> DriveStructure:
-    """Return the coefficients of all logs, and their scatter over logs left out."""
+    """Return what a drive moves if it moves these joints, and may as well move the `rival` ones:
+    the coefficients of all logs, and their scatter over logs left out.
+    """
     n = len(joints)
     folds = folds_of(logs, drive, moving=True)
     has_effort = folds[0].others.shape[1] > 1
@@ -278,62 +277,55 @@ def _described(
         folds = _with_forms(folds, forms, effort)
     coefficients = _sizes(folds, joints)
     stds = _jackknife(folds, joints)
-    by_term = dict(zip(("direction", "effort", *forms), coefficients[n:]))
-    errors = dict(zip(("direction", "effort", *forms), stds[n:]))
+    terms = ("direction", "effort", *forms)
+    unknown = {"effort": float("nan"), "growth": 0.0, "curvature": 0.0}
+    by_term = unknown | dict(zip(terms, coefficients[n:].tolist()))
+    errors = unknown | dict(zip(terms, stds[n:].tolist()))
     zeros = [
-        float(
-            np.mean(
-                fold.target
-                - np.column_stack([fold.angles[:, list(joints)], fold.others]) @ coefficients
-            )
-        )
-        + by_term.get("curvature", 0.0) * effort**2
+        np.mean(fold.target - np.column_stack([fold.angles[:, joints], fold.others]) @ coefficients)
+        + by_term["curvature"] * effort**2
         for fold in folds
     ]
     every = folds_of(logs, drive)
-    alone = [Fold(fold.angles, fold.others[:, :0], fold.target) for fold in every]
-    by_joints = np.sqrt(np.mean(_block_errors(alone, joints)))
-    total = np.std(np.concatenate([fold.target - fold.target.mean() for fold in every]))
+    alone = [fold._replace(others=fold.others[:, :0]) for fold in every]
+    left = _error(alone, joints)
+    total = np.var(pooled(every, joints)[1])
     return DriveStructure(
         joints=joints,
         ratios=coefficients[:n],
         ratio_stds=stds[:n],
-        compliance=float(by_term.get("effort", float("nan"))),
-        compliance_std=float(errors.get("effort", float("nan"))),
-        hysteresis=float(by_term["direction"]),
-        growth=float(by_term.get("growth", 0.0)),
-        growth_std=float(errors.get("growth", 0.0)),
-        curvature=float(by_term.get("curvature", 0.0)),
-        curvature_std=float(errors.get("curvature", 0.0)),
+        compliance=by_term["effort"],
+        compliance_std=errors["effort"],
+        hysteresis=by_term["direction"],
+        growth=by_term["growth"],
+        growth_std=errors["growth"],
+        curvature=by_term["curvature"],
+        curvature_std=errors["curvature"],
         effort=effort,
         zero=float(np.mean(zeros)),
         zero_spread=float(np.std(zeros)),
-        explained=float(1.0 - by_joints**2 / max(total**2, 1e-300)),
+        explained=1.0 - left / max(float(total), 1e-300),
         rival=rival,
     )
 
 
-def _jackknife(folds: Sequence[Fold], joints: Sequence[int]) -> Floats:
+def _jackknife(folds: Folds, joints: Sequence[int]) -> Floats:
     """Return the standard errors of the coefficients, by their scatter over logs left out."""
     count = len(folds)
     left_out = np.array(
         [_sizes([f for i, f in enumerate(folds) if i != k], joints) for k in range(count)]
     )
-    squares = np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0)
-    return np.asarray(np.sqrt((count - 1) / count * squares))
+    return np.asarray(np.sqrt(count - 1) * left_out.std(axis=0))
 
 
-def _clear_forms(folds: Sequence[Fold], joints: Sequence[int], effort: float) -> tuple[str, ...]:
+def _clear_forms(folds: Folds, joints: Sequence[int], effort: float) -> tuple[str, ...]:
     """Return those of the terms `growth` and `curvature` that help on logs left out, the more
     helpful one first.
     """
     forms: tuple[str, ...] = ()
-    least = float(np.mean(_block_errors(folds, joints)))
+    least = _error(folds, joints)
     while left := [form for form in ("growth", "curvature") if form not in forms]:
-        errors = {
-            form: float(np.mean(_block_errors(_with_forms(folds, (*forms, form), effort), joints)))
-            for form in left
-        }
+        errors = {form: _error(_with_forms(folds, (*forms, form), effort), joints) for form in left}
         best = min(left, key=lambda form: errors[form])
         if errors[best] > BETTER**2 * least:
             break
@@ -342,7 +334,7 @@ def _clear_forms(folds: Sequence[Fold], joints: Sequence[int], effort: float) ->
     return forms
 
 
-def _with_forms(folds: Sequence[Fold], forms: Sequence[str], effort: float) -> list[Fold]:
+def _with_forms(folds: Folds, forms: Sequence[str], effort: float) -> Folds:
     """Return logs with the columns of some terms about a mean `effort`."""
     extended = []
     for fold in folds:
@@ -350,7 +342,7 @@ def _with_forms(folds: Sequence[Fold], forms: Sequence[str], effort: float) -> l
         beyond = fold.others[:, 1] - effort
         columns = {"growth": direction * beyond, "curvature": beyond**2}
         terms = np.column_stack([fold.others, *(columns[form] for form in forms)])
-        extended.append(Fold(fold.angles, terms, fold.target))
+        extended.append(fold._replace(others=terms))
     return extended
 
 
@@ -360,9 +352,7 @@ definition (nearer to that of two units than to one).
 """
 
 
-def left_columns(
-    raw: Sequence[RawLog], columns: Sequence[ColumnRole], lacking: Mapping[str, str]
-) -> list[str]:
+def left_columns(raw: Sequence[RawLog], columns: Columns, lacking: Mapping[str, str]) -> list[str]:
     """Return sentences on columns that hold no numbers, and on those that some logs lack.
 
     Raises:
@@ -385,20 +375,18 @@ def left_columns(
     return notes
 
 
-def remarks(
-    raw: Sequence[RawLog], columns: Sequence[ColumnRole], data: Sequence[MotionData]
-) -> list[str]:
+def remarks(raw: Sequence[RawLog], columns: Columns, data: Logs) -> list[str]:
     """Return a sentence for each thing in the logs that a rig can be written in spite of.
 
     Raises:
         RigError: no rig can be written because of a mistake, or of several.
     """
-    wrong = [*_other_rates(raw, columns)]
+    (name,) = _headers(columns, "time")
+    wrong = [*_other_rates(raw, name)]
     for log in raw:
         wrong += _still(log, columns)
     if wrong:
         raise RigError("; ".join(wrong))
-    (name,) = _headers(columns, "time")
     headers = _headers(columns, "position", "effort", "angle")
     lines = []
     for log in raw:
@@ -408,7 +396,7 @@ def remarks(
         lines += [
             f"{log.source}: {header} jumps away and back {count} times: taken as missing"
             for header, count in log.wild.items()
-            if header in headers
+            if count and header in headers
         ]
         for header in _headers(columns, "angle"):
             away = jumps_away(log.columns[header])
@@ -417,14 +405,13 @@ def remarks(
     return [*lines, *odd_log(data)]
 
 
-def _headers(columns: Sequence[ColumnRole], *roles: str) -> list[str]:
+def _headers(columns: Columns, *roles: str) -> list[str]:
     return [column.header for column in columns if column.role in roles]
 
 
-def _other_rates(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterator[str]:
-    (name,) = _headers(columns, "time")
-    steps = [float(np.median(np.diff(log.columns[name]))) for log in raw]
-    usual = float(np.median(steps))
+def _other_rates(raw: Sequence[RawLog], name: str) -> Iterator[str]:
+    steps = [np.median(np.diff(log.columns[name])) for log in raw]
+    usual = np.median(steps)
     for log, step in zip(raw, steps):
         if max(step, usual) > OTHER_UNIT * min(step, usual):
             yield (
@@ -433,7 +420,7 @@ def _other_rates(raw: Sequence[RawLog], columns: Sequence[ColumnRole]) -> Iterat
             )
 
 
-def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
+def _still(log: RawLog, columns: Columns) -> Iterator[str]:
     """Yield a sentence on each column that never changes, or not while all drives move."""
     drives = [log.columns[header] for header in _headers(columns, "position")]
     for header in _headers(columns, "position", "angle"):
@@ -454,17 +441,17 @@ def _still(log: RawLog, columns: Sequence[ColumnRole]) -> Iterator[str]:
             )
 
 
-def odd_log(logs: Sequence[MotionData]) -> list[str]:
+def odd_log(logs: Logs) -> list[str]:
     """Return a sentence on the log that is a little unlike the others; none where all are alike.
 
     Raises:
         RigError: it is so unlike that no rig must be learned from all of them.
     """
-    usable = [log for log in logs if np.isfinite(log.angles).all(axis=1).sum() >= FEWEST]
+    usable = [log for log in logs if log.is_known.sum() >= FEWEST]
     if len(usable) < FEWEST_LOGS:
         return []
     drives = [folds_of(usable, d) for d in range(logs[0].positions.shape[1])]
-    indices = list(range(len(usable)))
+    indices = range(len(usable))
     rests = [[k for k in indices if k != left] for left in indices]
     alone = np.array([_residual(drives, rest, rest) for rest in rests])
     worst = int(np.argmin(np.max(alone, axis=1)))
@@ -472,7 +459,7 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     if (_residual(drives, indices, indices) < alike).all():
         return []
     log = usable[worst]
-    unlike = float(np.max(_residual(drives, rests[worst], [worst])))
+    unlike = np.max(_residual(drives, rests[worst], [worst]))
     if unlike >= THRESHOLDS.of_another_rig:
         raise RigError(
             f"{log.source} does not agree with the other logs: are columns swapped, mirrored or in "
@@ -484,9 +471,7 @@ def odd_log(logs: Sequence[MotionData]) -> list[str]:
     ]
 
 
-def _residual(
-    drives: Sequence[Sequence[Fold]], training: Sequence[int], tested: Sequence[int]
-) -> Floats:
+def _residual(drives: Sequence[Folds], training: Sequence[int], tested: Sequence[int]) -> Floats:
     """Return the RMS residual of each drive in some logs, per RMS of its motion in those by which
     all joints explain it.
     """
@@ -495,6 +480,6 @@ def _residual(
         joints = range(folds[0].angles.shape[1])
         columns, target = pooled([folds[k] for k in training], joints)
         matrix, values = pooled([folds[k] for k in tested], joints)
-        errors = values - matrix @ scaled_solution(columns, target)[0]
-        residuals.append(np.sqrt(np.mean(errors**2)) / max(float(np.std(target)), 1e-300))
+        errors = values - matrix @ scaled_solution(columns, target)
+        residuals.append(rms(errors) / max(float(np.std(target)), 1e-300))
     return np.array(residuals)
