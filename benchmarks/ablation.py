@@ -58,7 +58,6 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "a sensor off, felt": ("guards", "SHIFTED_FELT", 0.0),
     "far from the logs": ("drive_tracking", "NEAR", INF),
     "zero: goes on": ("guards", "GOES_ON", INF),
-    "pace": ("touch", "PACE_TIME", 1e-6),
     "usual time": ("touch", "USUAL_TIME", INF),
     "evidence time": ("touch", "EVIDENCE_TIME", 1e-6),
     "still": ("touch", "STILL", 0.5),

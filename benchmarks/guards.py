@@ -47,14 +47,14 @@ WITHOUT: dict[str, float] = {
 """Guard → its value where it does nothing."""
 
 CONSTANTS: dict[str, tuple[str, float]] = {
-    "SHARP_BEND": ("drive_friction", 1e9),
-    "TURNING_DECLARED": ("drive_friction", 1.0),
-    "STICK_STD": ("drive_friction", 0.0),
-    "MEAN_TIME": ("drive_friction", 1e-3),
-    "CLEAR_STICK": ("drive_friction", 0.5),
-    "TURNING": ("drive_friction", 0.0),
-    "CREST": ("internal_motion", 0.0),
-    "TIE": ("measurement", 1.0),
+    "SHARP_BEND": ("update", 1e9),
+    "TURNING_DECLARED": ("update", 1.0),
+    "STICK_STD": ("update", 0.0),
+    "MEAN_TIME": ("update", 1e-3),
+    "CLEAR_STICK": ("update", 0.5),
+    "TURNING": ("update", 0.0),
+    "CREST": ("prediction", 0.0),
+    "TIE": ("update", 1.0),
 }
 """Constant of the algorithm → its module, and its value where it does nothing (or little)."""
 

@@ -75,15 +75,18 @@ def settings(package: Path = PACKAGE) -> Iterator[Constant]:
     for path in sorted(package.rglob("*.py")):
         module = path.relative_to(package).with_suffix("").as_posix()
         for found in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(found, ast.ClassDef) or "dataclass" not in _decorators(found):
+            if not isinstance(found, ast.ClassDef):
+                continue
+            if not (found.name.isupper() or "dataclass" in _decorators(found)):
                 continue
             # other numbers of a class's text are not where its defaults come from
             of_class = "".join(re.findall(SAID, " ".join((ast.get_docstring(found) or "").split())))
             for field, after in zip(found.body, [*found.body[1:], None]):
-                if not isinstance(field, ast.AnnAssign) or field.value is None:
+                if not isinstance(field, (ast.Assign, ast.AnnAssign)) or field.value is None:
                     continue
                 if _is_number(field.value) and _numbers(field.value) - {0, 1}:
-                    name = f"{found.name}.{ast.unparse(field.target)}"
+                    target = field.targets[0] if isinstance(field, ast.Assign) else field.target
+                    name = f"{found.name}.{ast.unparse(target)}"
                     text = _text(after) or of_class
                     yield Constant(name, module, ast.unparse(field.value), text)
 

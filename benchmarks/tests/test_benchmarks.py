@@ -116,3 +116,28 @@ def test_it_starts(name: str, tmp_path: Path) -> None:
         last = (error.strip().splitlines() or [""])[-1]
         assert not last.startswith(FAULTS), error[-2000:]
         assert "No module named 'distal" not in last, error[-2000:]
+
+
+CHANGED = """
+import importlib
+from benchmarks import ablation, guards
+changed = [(place, name) for place, name, _ in ablation.RULES.values()]
+changed += [(place, name) for name, (place, _) in guards.CONSTANTS.items()]
+for place, name in changed:
+    module, _, of_class = place.partition(".")
+    found = importlib.import_module("distal.estimators.adaptive." + module)
+    assert hasattr(getattr(found, of_class) if of_class else found, name), (place, name)
+"""
+
+
+def test_rules_that_are_left_out_exist(tmp_path: Path) -> None:
+    """A benchmark that changes a constant under an old name would change nothing."""
+    done = subprocess.run(
+        [sys.executable, "-c", CHANGED],
+        cwd=tmp_path,
+        env=of_a_newcomer(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
