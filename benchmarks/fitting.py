@@ -157,7 +157,7 @@ def instrument() -> None:
     rig = load_rig(START)
     logs = [read_log(path, rig) for path in paths]
     started = time.perf_counter()
-    whole = fit(logs, rig, homing=3.0, units=r"run_(.)")
+    whole = fit(logs, rig, homing=3.0, groups=r"run_(.)")
     took = time.perf_counter() - started
     rows = []
     for one in whole.compared:

@@ -41,7 +41,7 @@ AFTER = (
 def fit_parameters(logs: list[Path], out: Path) -> None:
     """Write the rig file that `distal fit` makes of logs of a straight wrist."""
     words = [*map(str, logs), "--rig", str(START), "--homing", f"{HOMING:g}s"]
-    options = ["--units", CLASSES, "--out", str(out)]
+    options = ["--groups", CLASSES, "--out", str(out)]
     subprocess.run([sys.executable, "-m", "distal", "fit", *words, *options], check=True)
 
 

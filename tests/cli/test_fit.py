@@ -110,7 +110,7 @@ def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(
         "there is no 'stifness'",
     )
     refused(run("fit", logs[0], *rig, "--out", tmp_path / "fitted.csv"), "a rig file ends in .toml")
-    refused(run("fit", logs[0], *rig, "--units", "(log)", "--out", out), "at least 2 groups")
+    refused(run("fit", logs[0], *rig, "--groups", "(log)", "--out", out), "at least 2 groups")
     refused(run("fit", logs[0], *rig, "--homing", "3 apples", "--out", out), "apples")
     refused(run("fit", logs[0], *rig, "--homing", "30s", "--out", out), "shorter than the log")
     still = tmp_path / "still.csv"

@@ -52,8 +52,8 @@ def test_units_are_left_out_as_a_whole() -> None:
     for seed in range(6):
         log = finger_log(seed, 7.0)
         logs.append(Log(log.time, log.channels, log.truth, f"unit_{seed // 2} {seed}"))
-    found = fit(logs, finger_rig(), units=r"unit_(\d)")
+    found = fit(logs, finger_rig(), groups=r"unit_(\d)")
     assert [one.log for one in found.compared] == [log.source for log in logs]
     assert found.maps["filter"].maps[0].logs == 6
     with pytest.raises(FitError, match="at least 2 groups"):
-        fit(logs, finger_rig(), units=r"(unit)")
+        fit(logs, finger_rig(), groups=r"(unit)")

@@ -84,7 +84,7 @@ def fit_command(
     ] = None,
     truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
     noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
-    units: Annotated[
+    groups: Annotated[
         str | None,
         Option(
             metavar="PATTERN",
@@ -108,8 +108,8 @@ def fit_command(
     from distal.rig import edited_text, load_rig
 
     check_command_outputs(to_file(out, "a rig file"), logs=logs, rig=rig, truth=truth)
-    if units is not None:
-        groups_of([str(path) for path in logs], units)
+    if groups is not None:
+        groups_of([str(path) for path in logs], groups)
     home = homing_time(homing)
     description = load_rig(rig, set_)
     read = [read_log(path, description, truth) for path in logs]
@@ -122,7 +122,7 @@ def fit_command(
             per_log or (),
             homing=home,
             noise=noise,
-            units=units,
+            groups=groups,
             progress=show,
             lag=None if reference_lag is None else in_si(reference_lag, "s"),
             open_loop=open_loop,

@@ -240,14 +240,14 @@ BY_FILTER = "parameters by its filter"
 """Name of the candidate whose parameters are estimated by the rig's filter."""
 
 
-def groups_among(logs: Sequence[Log], units: str | None) -> tuple[str, ...]:
-    """Return the group of each log, whose logs are held out together: its unit with the option
-    `units`, else a group of its own.
+def groups_among(logs: Sequence[Log], pattern: str | None) -> tuple[str, ...]:
+    """Return the group of each log, whose logs are held out together: what a `pattern` finds in its
+    name, else a group of its own.
     """
     names = [log.source for log in logs]
-    if units is None or not names:
+    if pattern is None or not names:
         return tuple(str(i) for i in range(len(names)))
-    return tuple(groups_of(names, units, 1))
+    return tuple(groups_of(names, pattern, 1))
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ class Training:
         joints = rig.joint_names
         with_truth = tuple(log for log in logs if true_angles(log, joints) is not None)
         unknown = tuple(unknown_joints(with_truth, rig)) if with_truth else ()
-        return cls(with_truth, groups_among(with_truth, options.units), rig, options, unknown)
+        return cls(with_truth, groups_among(with_truth, options.groups), rig, options, unknown)
 
     @property
     def judges(self) -> bool:

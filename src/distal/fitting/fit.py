@@ -565,7 +565,7 @@ def fit(
     workers: int = 2,
     compiled: bool = True,
     progress: Progress | None = None,
-    units: str | None = None,
+    groups: str | None = None,
     lag: float | None = None,
     open_loop: bool = False,
     drafted: bool = False,
@@ -594,9 +594,9 @@ def fit(
         workers: number of threads; the result does not depend on it.
         compiled: whether the filter is compiled; else it is interpreted.
         progress: called with what the fit is doing.
-        units: fit a *kind* of rig: a regular expression whose first parenthesis finds the unit (an
-            instrument, a pose, a day) in a log's name. The logs of a unit are held out together, so
-            that the band is right for a new unit.
+        groups: fit a *kind* of rig: a regular expression whose first parenthesis finds the group
+            (an instrument, a pose, a day) in a log's name. The logs of a group are held out
+            together, so that the band is right for a new one.
         lag: by how much the true angles are later than the drives [s]; None: it is found, and taken
             off where it makes the logs more probable by more than its standard error. A joint that
             follows its drives late looks the same.
@@ -616,18 +616,18 @@ def fit(
         per_log=_listed(per_log),
         homing=homing,
         noise=noise,
-        units=units,
+        groups=groups,
         workers=workers,
         compiled=compiled,
     )
     read = _read_and_checked(logs, rig, truth, homing)
     start_rig = rig
-    touched = [] if homing is not None or units is not None else touched_logs(read, rig)
+    touched = [] if homing is not None or groups is not None else touched_logs(read, rig)
     aside = [read[i] for i in touched]
     read = [log for i, log in enumerate(read) if i not in touched]
-    if units is not None:
-        groups_of([log.source for log in read], units)
-    found_lag = _lag(read, rig, units) if lag is None else lag
+    if groups is not None:
+        groups_of([log.source for log in read], groups)
+    found_lag = _lag(read, rig, groups) if lag is None else lag
     if open_loop and all(true_angles(log, rig.joint_names) is None for log in read):
         raise FitError(
             "an open loop is fitted to the joints' angles, and no log has them; log them too, by a "
@@ -762,12 +762,12 @@ def _failure(rig: Rig, log: Log, learned: Fit, training: Training) -> str | None
     return f"{what}{now:.2g}° on {shown(log.source)}, where left out it had {before:.2g}°"
 
 
-def _lag(logs: Sequence[Log], rig: Rig, units: str | None) -> float:
+def _lag(logs: Sequence[Log], rig: Rig, groups: str | None) -> float:
     """Return the lag of the reference [s]; 0 where the map on readings cannot run."""
     with_reference = [log for log in logs if true_angles(log, rig.joint_names) is not None]
     try:
-        groups = groups_among(with_reference, units)
-        return reference_lag(with_reference, rig, folds_of(groups))
+        of_logs = groups_among(with_reference, groups)
+        return reference_lag(with_reference, rig, folds_of(of_logs))
     except EstimationError:
         return 0.0
 
@@ -788,7 +788,7 @@ def _with_free_motion(learned: Fit, judged: Judged) -> Fit:
     """Return what was learned, with the normal forces of free motion (`efforts_of`), and how well
     the rig did on logs left out, where these are not few.
     """
-    folds = folds_of(groups_among(judged.logs, judged.training.options.units))
+    folds = folds_of(groups_among(judged.logs, judged.training.options.groups))
     rig = learned.rig.with_map(efforts=efforts_of(judged.logs, learned.rig, folds))
     scores = [log.scores[WRITTEN] for log in learned.compared]
     ran = [score for score in scores if score is not None]

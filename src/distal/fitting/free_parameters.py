@@ -402,7 +402,7 @@ class Options:
     per_log: tuple[str, ...] = ()
     homing: float | None = None
     noise: bool = True
-    units: str | None = None
+    groups: str | None = None
     workers: int = 2
     compiled: bool = True
 
