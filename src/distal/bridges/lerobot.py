@@ -28,7 +28,8 @@ from distal.run.health import word_code
 from distal.units import unit_factor
 
 STATE = "observation.state"
-ANGLE, STD, WORD = (f"observation.joint_{what}" for what in ("angle", "angle_std", "health"))
+NEW = [f"observation.joint_{what}" for what in ("angle", "angle_std", "health")]
+ANGLE, STD, WORD = NEW
 
 NEAR = 1e-5
 """Distance of a stamp of a dataset from that of the same row in a log [s]. Source: rounding (stamps
@@ -199,7 +200,7 @@ def _describe(
     _write_json(folder / INFO, info)
     words = {word: code for code, word in enumerate(HEALTH)}
     _write_json(folder / "meta" / "distal.json", {"rig": rig.name, "unit": unit, "health": words})
-    columns = {name: np.vstack([of[name] for of in values.values()]) for name in (ANGLE, STD, WORD)}
+    columns = {name: np.vstack([of[name] for of in values.values()]) for name in NEW}
     stats = folder / "meta" / "stats.json"
     if stats.is_file():
         statistics = json.loads(stats.read_text(encoding="utf-8"))
@@ -231,7 +232,7 @@ def _extend_episodes(path: Path, values: Mapping[int, New], columns: New) -> Non
     start = f"stats/{STATE}/"
     like = [name.removeprefix(start) for name in table.column_names if name.startswith(start)]
     episodes = table["episode_index"].to_pylist()
-    for name in (ANGLE, STD, WORD) if like else ():
+    for name in NEW if like else ():
         statistics = [_statistics(values[number][name], columns[name], like) for number in episodes]
         for what in like:
             column = pa.array([of_episode[what] for of_episode in statistics])

@@ -36,6 +36,14 @@ SLACKEST = -1e3
 """Length of a tendon below which it would push [m]. Source: definition (none is so slack)."""
 
 
+MEASURED = {
+    "position": mujoco.mjtSensor.mjSENS_JOINTPOS,
+    "force": mujoco.mjtSensor.mjSENS_JOINTACTFRC,
+    "angle": mujoco.mjtSensor.mjSENS_JOINTPOS,
+}
+"""What a sensor measures → the sensor of a joint that MuJoCo has for it."""
+
+
 def to_mjcf(rig: Rig | str | Path, into: str | Path | None = None) -> str:
     """Return a rig as a MuJoCo model, XML in SI, with the rig's text in it, but for learned maps.
 
@@ -104,8 +112,9 @@ def _add_links(spec: mujoco.MjSpec, rig: Rig) -> None:
             body.inertia = joint.link.inertia
             body.explicitinertial = True
         if joint.coupled is not None:
-            pair = spec.add_equality(name1=joint.name, name2=joint.coupled.joint)
-            pair.type = mujoco.mjtEq.mjEQ_JOINT
+            pair = spec.add_equality(
+                name1=joint.name, name2=joint.coupled.joint, type=mujoco.mjtEq.mjEQ_JOINT
+            )
             pair.data[:2] = joint.coupled.offset, joint.coupled.ratio
             pair.solimp[:2] = RIGID
 
@@ -119,21 +128,23 @@ def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
             joint = spec.worldbody.add_body(name=name).add_joint(name=name, axis=(1, 0, 0))
             if drive.kind == "slider":
                 joint.type = mujoco.mjtJoint.mjJNT_SLIDE
-        actuator = spec.add_actuator(name=drive.name, target=name)
-        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        actuator = spec.add_actuator(
+            name=drive.name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
         servo = drive.servo
         if servo is not None and servo.stiffness is not None:
             actuator.set_to_position(servo.stiffness, dampratio=1, timeconst=servo.lag)
         if drive.limit is not None:
             actuator.forcerange = -drive.limit, drive.limit
     for sensor in rig.sensors:
-        if sensor.measures in ("position", "force", "angle"):
-            of = sensor.of if sensor.measures == "angle" else f"drive_{sensor.of}"
-            added = spec.add_sensor(name=sensor.name, noise=sensor.noise, objname=of)
-            added.objtype = mujoco.mjtObj.mjOBJ_JOINT
-            added.type = mujoco.mjtSensor.mjSENS_JOINTPOS
-            if sensor.measures == "force":
-                added.type = mujoco.mjtSensor.mjSENS_JOINTACTFRC
+        if sensor.measures in MEASURED:
+            spec.add_sensor(
+                name=sensor.name,
+                type=MEASURED[sensor.measures],
+                noise=sensor.noise,
+                objname=sensor.of if sensor.measures == "angle" else f"drive_{sensor.of}",
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            )
     described = plain_value(rig.bare().model_dump(exclude_defaults=True))
     spec.add_text(name=EMBEDDED, data=tomlkit.dumps(described))
     mechanism = Mechanism(_unlinked(rig))

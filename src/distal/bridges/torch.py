@@ -120,7 +120,6 @@ class BatchEstimator:
             else _on_gpu(one.kernel.function, p, n)
         )
         self._here: Callable[[Floats | Bools], Floats] = getattr(self._xp, "asnumpy", np.asarray)
-        self._size = one.initial(0.0, np.full(len(one.channels), np.nan)).size
         self._begins = np.ones(n, dtype=bool)
 
     @property
@@ -159,8 +158,9 @@ class BatchEstimator:
                 value is wild.
         """
         one = self._one
+        xp = self._xp
         try:
-            values = self._xp.asarray(samples, dtype=np.float64)
+            values = xp.asarray(samples, dtype=np.float64)
         except (TypeError, ValueError) as problem:
             raise EstimationError(f"samples: an array of numbers; {problem}") from None
         if values.shape != (self._n, len(one.channels)):
@@ -173,30 +173,30 @@ class BatchEstimator:
             raise EstimationError(f"dt: an interval above 0 s that is no long gap, {dt:g} s came")
         if bool((abs(values) > LARGEST_READING).any()):
             raise EstimationError(f"a sample is wild: beyond {LARGEST_READING:g} in SI")
-        begins = self._begins.copy()
+        begins = self._begins
         if begins.any():
             self._begin(begins, self._here(values))
         kernel_state, x, y = self._arrays
         width = len(one.channels)
-        row = self._xp.moveaxis(x, 1, 0)  # a view: (n_x, groups, lanes)
-        padded = self._xp.full((row[0].size, width), np.nan)
+        # views, (n_x, groups, lanes)
+        steps, given, mask = xp.split(xp.moveaxis(x, 1, 0), (1, 1 + width))
+        padded = xp.full((steps.size, width), np.nan)
         padded[: self._n] = values
-        sample = padded.T.reshape(row[1 : 1 + width].shape)
-        is_finite = self._xp.isfinite(sample)
-        sample = self._xp.where(is_finite, sample, 0.0)
-        first = self._xp.asarray(np.pad(begins, (0, row[0].size - self._n)))
-        row[0] = self._xp.where(first, 0.0, dt / parts).reshape(row[0].shape)
+        sample = padded.T.reshape(given.shape)
+        is_finite = xp.isfinite(sample)
+        sample = xp.where(is_finite, sample, 0.0)
+        first = xp.asarray(np.pad(begins, (0, steps.size - self._n)))
+        steps[:] = xp.where(first, 0.0, dt / parts).reshape(steps.shape)
         for rows_after in range(parts - 1, -1, -1):
-            fill(row[1 : 1 + width], row[1 + width :], sample, is_finite, rows_after, one.bridged)
+            fill(given, mask, sample, is_finite, rows_after, one.bridged)
             self._run(kernel_state, x, y)
-        self._begins[:] = False
         return self._reported()
 
     def _reported(self) -> Angles:
         """Return the angles as they are reported, with the learned maps."""
         xp = self._xp
         kernel_state, _, y = self._arrays
-        n = self._size
+        n = len(self._one.state_names)
         joints = len(self.joints)
         first = kernel_state_layout(n)["covariance"].start
 
@@ -216,7 +216,7 @@ class BatchEstimator:
             variances[:, at] = variances[:, at] * gains * gains + rows(y, report.variances)
         is_finite = (xp.isfinite(means) & xp.isfinite(spreads)).all(axis=1)
         lost = ~is_finite | (abs(angles) > LARGEST_ANGLE).any(axis=1)
-        self._begins |= self._here(lost) > 0
+        self._begins = self._here(lost) > 0
         return Angles(angles, xp.sqrt(xp.maximum(variances, 0.0)), lost)
 
     def _begin(self, which: Bools, values: Floats) -> None:
@@ -237,10 +237,8 @@ def _on_processor(kernel: Kernel, p: Floats, n: int) -> Prepared:
         arrays = tuple(np.zeros((n, size, 1)) for size in per_sample)
 
         def one_by_one(kernel_state: Floats, x: Floats, y: Floats) -> None:
-            for k in range(n):
-                after, out = kernel.scan(kernel_state[k, :, 0], x[k, :, 0][None], p)
-                kernel_state[k, :, 0] = after[0]
-                y[k, :, 0] = out[0]
+            for state, sample, out in zip(kernel_state, x, y):  # (size, 1) each
+                state.T[:], out.T[:] = kernel.scan(state, sample.T, p)
 
         return np, arrays, one_by_one
     groups = -(-n // lanes.lanes)

@@ -10,7 +10,7 @@ only those before it: ``number_types``; ``writers``, each a function from an ins
 C, with their memory; ``emitter`` for all functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
-``emitter``.
+``writers``.
 """
 
 from distal.codegen.emitter import Emitter, unused

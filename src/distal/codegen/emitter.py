@@ -1,43 +1,33 @@
-"""Functions as C, each written once and after those that it calls: of matrices (MX), whose
-instructions are written one by one, each by its writer, or of scalars (SX), whose operations are
-lines.
-
-Scratch of a function of matrices is laid out at the end. Of a call, a result that is nothing but an
-output of the caller is written straight into that output, every other one into scratch.
+"""Functions as C, each written once and after those that it calls: of matrices (MX), see
+``writers``, or of scalars (SX), whose operations are lines; and the definition of a function around
+its lines.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container
-from itertools import chain, count
+from dataclasses import dataclass
+from itertools import chain, count, islice
 
 import casadi as ca
 
-from distal.codegen.number_types import BINARY, CodeError, Dialect
-from distal.codegen.writers import (
-    Dataflow,
-    Memory,
-    Placement,
-    Step,
-    Value,
-    Workspace,
-    WriteFunction,
-    Writer,
-    Written,
-    argument,
-    constant,
-    dot,
-    for_each,
-    framed,
-    get,
-    join,
-    product,
-    put,
-    rank_one,
-    shape,
-    split,
-    transpose,
-)
+from distal.codegen.number_types import CodeError, Dialect
+from distal.codegen.writers import WRITERS as WRITERS
+from distal.codegen.writers import Body, WriteFunction, write_matrices
+
+
+@dataclass(frozen=True)
+class Written:
+    """A function as C.
+
+    Args:
+        text: its definition.
+        scratch: how many numbers its array for intermediates has.
+    """
+
+    text: str
+    scratch: int
 
 
 class Emitter:
@@ -71,32 +61,53 @@ class Emitter:
             CodeError: the function has an operation that has no C here, or its state cannot be
                 changed in place.
         """
-        return self._written(function, in_place).name
-
-    def _written(self, function: ca.Function, in_place: bool = False) -> Written:
         key = (function.__hash__(), in_place)
         if key in self._names:
-            return self.functions[self._names[key]]
+            return self._names[key]
         if in_place and function.sparsity_in(0) != function.sparsity_out(0):
             raise CodeError(
                 f"'{function.name()}' has no C in place: its first input and output differ in shape"
             )
         name = unused(str(function.name()), self._taken)
         self._taken.add(name)
-        if function.is_a("SXFunction"):
-            written = write_scalars(function, name, in_place, self.dialect, self._written)
-        else:
-            written = write_matrices(function, name, in_place, self.dialect, self._written)
+        write = write_scalars if function.is_a("SXFunction") else write_matrices
+        body = write(function, in_place, self.dialect, self.add)
+        text = framed(function, in_place, self.dialect, body)
         self._alive.append(function)
         # components of a rig that are built alike share one function, called with the parameters
         # of each
-        alike = self._alike.setdefault(written.text.replace(f" {name}(", " (", 1), name)
-        self._names[key] = alike
-        if alike != name:
+        alike = self._names[key] = self._alike.setdefault(text, name)
+        if alike == name:
+            self.functions[name] = Written(f"static void {name}{text}", body.scratch)
+        else:
             self._taken.remove(name)
-            return self.functions[alike]
-        self.functions[name] = written
-        return written
+        return alike
+
+
+def framed(function: ca.Function, in_place: bool, dialect: Dialect, body: Body) -> str:
+    """Return the definition of a function in C, from behind its name on: arguments, arrays, loop
+    variables and lines.
+
+    Inputs become ``a0`` …, outputs ``r0`` …. With `in_place` the first input and the first output
+    are one array, ``state``.
+    """
+    kind = f"{dialect.type}* restrict"
+    skip = int(in_place)
+    inputs = [f"a{i}" for i in range(skip, function.n_in())]
+    outputs = [f"r{i}" for i in range(skip, function.n_out())]
+    arguments = [f"{kind} state"] * in_place
+    arguments += [f"const {kind} {argument}" for argument in inputs]
+    arguments += [f"{kind} {argument}" for argument in outputs]
+    text = "\n".join(body.lines)
+    loops = [f"  int {variable};" for variable in "ijk" if f"for ({variable} = 0" in text]
+    idle = [
+        f"  (void){argument};"
+        for argument in (*inputs, *outputs)
+        if not re.search(rf"\b{argument}\b", text)
+    ]
+    return "\n".join(
+        [f"({', '.join(arguments)}) {{", *body.arrays, *loops, *idle, *body.lines, "}\n"]
+    )
 
 
 def unused(name: str, taken: Container[str]) -> str:
@@ -105,118 +116,11 @@ def unused(name: str, taken: Container[str]) -> str:
     return next(candidate for candidate in candidates if candidate not in taken)
 
 
-def elementwise(work: Workspace, step: Step) -> list[str]:
-    """Write an operation of scalars for each element of its operands."""
-    n = int(step.node.nnz())
-    to = work.placement.over_an_input(step.k, n)
-    used = step.inputs if step.operation in BINARY else step.inputs[:1]
-    memory = work.memory
-
-    def line(index: str | int) -> str:
-        operands = [memory.at(value, 0 if value.size == 1 else index) for value in used]
-        return f"{memory.at(to, index)} = {memory.dialect.operation(step.operation, *operands)};"
-
-    return for_each(n, line)
-
-
-def call(work: Workspace, step: Step) -> list[str]:
-    """Write the call of another function."""
-    called = step.node.which_function()
-    written = work.written(called, False)
-    results = []
-    for i, number in enumerate(step.makes):
-        size = int(called.nnz_out(i))
-        if number in work.flow.direct:
-            output, offset = work.flow.direct[number]
-            results.append(work.placement.put(number, Value(f"r{output}", offset, size)))
-        else:
-            results.append(work.placement.new(step.k, number, size))
-    addresses = [work.memory.address(value) for value in (*step.inputs, *results)]
-    return [f"  {written.name}({', '.join(addresses)});"]
-
-
-WRITERS: dict[int, Writer] = {
-    ca.OP_INPUT: argument,
-    ca.OP_CONST: constant,
-    ca.OP_CALL: call,
-    ca.OP_RESHAPE: shape,
-    ca.OP_TRANSPOSE: transpose,
-    ca.OP_GETNONZEROS: get,
-    ca.OP_SETNONZEROS: put,
-    ca.OP_ADDNONZEROS: put,
-    ca.OP_VERTCAT: join,
-    ca.OP_HORZCAT: join,
-    ca.OP_VERTSPLIT: split,
-    ca.OP_HORZSPLIT: split,
-    ca.OP_MTIMES: product,
-    ca.OP_RANK1: rank_one,
-    ca.OP_DOT: dot,
-}
-"""Writers of CasADi's operations on matrices. Every other operation is done element by element, or
-has no C.
-"""
-
-
-def write_matrices(
-    function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
-) -> Written:
-    """Return a function of matrices (MX) as C. The functions that it calls are written by
-    `written`.
-    """
-    flow = Dataflow(function, in_place)
-    memory = Memory(dialect)
-    work = Workspace(flow, memory, Placement(flow, memory), written, in_place)
-    lines = list[str]()
-    state: list[tuple[Value, int]] = []
-    for k, operation in enumerate(flow.operations):
-        step = work.step(k)
-        if operation != ca.OP_OUTPUT:
-            lines += WRITERS.get(operation, elementwise)(work, step)
-        elif step.inputs:
-            output = step.node.info()
-            (value,) = step.inputs
-            home = f"r{output['ind']}"
-            offset = int(output["offset"])
-            if in_place and output["ind"] == 0:
-                state.append((value, offset))
-            elif value.home != home:  # a call has not put it there
-                lines += memory.copy(Value(home, offset, value.size), value)
-    lines = memory.scratch.settled(lines + _new_state(work, state))
-    size = memory.scratch.size
-    arrays = [f"  {dialect.type} w[{size}];"] if size else []
-    text = framed(function, name, in_place, dialect, [*memory.tables.lines, *arrays], lines)
-    return Written(name, text, size)
-
-
-def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
-    """Write the new state: values that are in their position stay, values that lie elsewhere in the
-    state go by way of scratch.
-    """
-    memory = work.memory
-    end = work.flow.end
-    lines = list[str]()
-    moved = list[tuple[Value, int]]()
-    for value, offset in state:
-        if value.home == "state":
-            if value.offset == offset:
-                continue
-            through = memory.scratch.new(value.size, end, end + 1)
-            lines += memory.copy(through, value)
-            value = through
-        moved.append((value, offset))
-    for value, offset in moved:
-        lines += memory.copy(Value("state", offset, value.size), value)
-    return lines
-
-
 def write_scalars(
-    function: ca.Function,
-    name: str,
-    in_place: bool,
-    dialect: Dialect,
-    written: WriteFunction,
-) -> Written:
-    """Return a function of scalars (SX) as C. The functions that it calls are written by `written`.
+    function: ca.Function, in_place: bool, dialect: Dialect, written: WriteFunction
+) -> Body:
+    """Return what a function of scalars (SX) does. The functions that it calls are written by
+    `written`.
 
     With `in_place` the first input and the first output are one array, ``state``: it is read into
     constants first and written at the end.
@@ -240,20 +144,17 @@ def write_scalars(
             lines.append(f"  r{outputs[0]}[{outputs[1]}] = {names[inputs[0]]};")
         elif operation == ca.OP_CALL:
             called = _called(function, len(inputs), len(outputs))
-            callee = written(called, False)
-            lines += _call(k, callee.name, called, [names[i] for i in inputs], arrays, dialect.type)
-            results = [
-                f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))
-            ]
+            operands = [names[i] for i in inputs]
+            call, results = _call(k, called, written(called, False), operands, arrays, dialect.type)
+            lines += call
             names.update(zip(outputs, results))
         elif operation == ca.OP_CONST:
             names[outputs[0]] = dialect.constant(function.instruction_constant(k))
         else:
-            operands = [names[i] for i in inputs] if operation in BINARY else [names[inputs[0]]]
-            value = dialect.operation(operation, *operands)
+            value = dialect.operation(operation, *(names[i] for i in inputs))
             lines.append(f"  const {dialect.type} v{k} = {value};")
             names[outputs[0]] = f"v{k}"
-    return Written(name, framed(function, name, in_place, dialect, [], [*lines, *new_state]))
+    return Body([*lines, *new_state], [])
 
 
 def _called(function: ca.Function, n_in: int, n_out: int) -> ca.Function:
@@ -274,28 +175,29 @@ def _called(function: ca.Function, n_in: int, n_out: int) -> ca.Function:
 
 def _call(
     k: int,
-    name: str,
     called: ca.Function,
+    name: str,
     operands: list[str],
     arrays: dict[tuple[str, ...], str],
     kind: str,
-) -> list[str]:
-    """Write a call. Its operands are gathered in arrays, which later calls with the same operands
-    use again.
+) -> tuple[list[str], list[str]]:
+    """Return the C of a call, and that of its results. Its operands are gathered in arrays, which
+    later calls with the same operands use again.
     """
     lines = list[str]()
     addresses = list[str]()
-    first = 0
+    results = list[str]()
+    coming = iter(operands)
     for i in range(called.n_in()):
-        gathered = tuple(operands[first : first + called.nnz_in(i)])
-        first += len(gathered)
+        gathered = tuple(islice(coming, called.nnz_in(i)))
         if gathered not in arrays:
             arrays[gathered] = f"c{k}_{i}"
             lines.append(f"  const {kind} c{k}_{i}[] = {{{', '.join(gathered)}}};")
         addresses.append(arrays[gathered])
     for i in range(called.n_out()):
-        size = called.nnz_out(i)
-        lines.append(f"  {kind} v{k}_{i}[{size}];")
-        arrays[tuple(f"v{k}_{i}[{j}]" for j in range(size))] = f"v{k}_{i}"
-        addresses.append(f"v{k}_{i}")
-    return [*lines, f"  {name}({', '.join(addresses)});"]
+        made = tuple(f"v{k}_{i}[{j}]" for j in range(called.nnz_out(i)))
+        lines.append(f"  {kind} v{k}_{i}[{len(made)}];")
+        arrays[made] = f"v{k}_{i}"
+        addresses.append(arrays[made])
+        results += made
+    return [*lines, f"  {name}({', '.join(addresses)});"], results

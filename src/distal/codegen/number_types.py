@@ -8,11 +8,22 @@ more class here, with the same methods.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, isinf, isnan
 
 import casadi as ca
 
 from distal.errors import ExportError
+
+_LIBRARY = (
+    "sqrt exp log sin cos tan asin acos atan atan2 sinh cosh tanh floor ceil "
+    "fabs fmin fmax pow copysign expm1 log1p hypot erf"
+)
+CALLED: dict[int, str] = {getattr(ca, f"OP_{name.upper()}"): name for name in _LIBRARY.split()}
+CALLED[ca.OP_CONSTPOW] = "pow"
+"""Operations that are functions of C's library."""
+
+_OF_TWO = {"atan2", "fmin", "fmax", "pow", "copysign", "hypot"}
+"""Those of C's functions that have two arguments."""
 
 FORMS = {
     ca.OP_ADD: "{a} + {b}",
@@ -29,43 +40,17 @@ FORMS = {
     ca.OP_TWICE: "2.0{f} * {a}",
     ca.OP_INV: "1.0{f} / {a}",
     ca.OP_ASSIGN: "{a}",
+} | {
+    operation: f"{{v}}{name}{{f}}({'{a}, {b}' if name in _OF_TWO else '{a}'})"
+    for operation, name in CALLED.items()
 }
 """Operations that C writes alike for numbers and for vectors, with templates: {truth} turns a
-condition into a number, {f} ends a literal.
+condition into a number, {f} ends a literal or a function's name, which {v} begins.
 """
-
-_LIBRARY = (
-    "sqrt exp log sin cos tan asin acos atan atan2 sinh cosh tanh floor ceil "
-    "fabs fmin fmax pow copysign expm1 log1p hypot erf"
-)
-CALLED: dict[int, str] = {getattr(ca, f"OP_{name.upper()}"): name for name in _LIBRARY.split()}
-CALLED[ca.OP_CONSTPOW] = "pow"
-"""Operations that are functions of C's library."""
-
-_FUNCTIONS = (
-    ca.OP_ATAN2,
-    ca.OP_FMIN,
-    ca.OP_FMAX,
-    ca.OP_POW,
-    ca.OP_CONSTPOW,
-    ca.OP_COPYSIGN,
-    ca.OP_HYPOT,
-)
-_LOGIC = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO)
-_SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, *_LOGIC)
-BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
-"""Operations with two operands."""
 
 
 class CodeError(ExportError):
     """A function cannot be written as C."""
-
-
-def no_such_operation(operation: int) -> CodeError:
-    """Return the error for an operation that has no C here."""
-    return CodeError(
-        f"CasADi's operation {operation} has no C here; a rig that needs it cannot be exported yet"
-    )
 
 
 _PLAIN = FORMS | {
@@ -82,6 +67,16 @@ _LANES = FORMS | {
     ca.OP_SIGN: "v_sign({a})",
     ca.OP_IF_ELSE_ZERO: "(V)(({a} != 0.0) & (M){b})",
 }
+
+
+def _formed(forms: dict[int, str], operation: int, **blanks: str) -> str:
+    """Return the C of an operation by its template, or raise a `CodeError`."""
+    if operation not in forms:
+        raise CodeError(
+            f"CasADi's operation {operation} has no C here; a rig that needs it cannot be exported "
+            "yet"
+        )
+    return forms[operation].format(**blanks)
 
 
 LARGEST_FLOAT = 3.40282346e38
@@ -121,9 +116,9 @@ class Plain:
 
     def constant(self, value: float) -> str:
         """Return a number as C."""
-        if value != value:
+        if isnan(value):
             return "NAN" if self.single else "(double)NAN"
-        if value in (float("inf"), float("-inf")):
+        if isinf(value):
             return "INFINITY" if value > 0 else "(-INFINITY)"
         text = f"{value:.17g}"
         if self.single:  # what a float cannot hold is its largest number, or zero
@@ -136,12 +131,8 @@ class Plain:
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation, or raise a `CodeError`."""
-        suffix = "f" if self.single else ""
-        if operation in _PLAIN:
-            return _PLAIN[operation].format(a=a, b=b, truth=f"({self.type})", f=suffix)
-        if operation in CALLED:
-            return f"{CALLED[operation]}{suffix}({f'{a}, {b}' if operation in BINARY else a})"
-        raise no_such_operation(operation)
+        truth = f"({self.type})"
+        return _formed(_PLAIN, operation, a=a, b=b, truth=truth, v="", f="f" * self.single)
 
 
 _VECTORS = """
@@ -188,7 +179,7 @@ class Lanes:
     def prelude(self, text: str) -> str:
         """Return the vector types and the functions that the operations need."""
         lanewise = [
-            _LANEWISE[2 if operation in BINARY else 1].format(f=name, lanes=self.count)
+            _LANEWISE[2 if name in _OF_TWO else 1].format(f=name, lanes=self.count)
             for operation, name in CALLED.items()
             if name not in VECTORED and operation != ca.OP_CONSTPOW
         ]
@@ -209,11 +200,7 @@ class Lanes:
 
     def operation(self, operation: int, a: str, b: str = "") -> str:
         """Return the C of one operation, or raise a `CodeError`."""
-        if operation in _LANES:
-            return _LANES[operation].format(a=a, b=b, truth="ones", f="")
-        if operation in CALLED:
-            return f"v_{CALLED[operation]}({f'{a}, {b}' if operation in BINARY else a})"
-        raise no_such_operation(operation)
+        return _formed(_LANES, operation, a=a, b=b, truth="ones", v="v_", f="")
 
 
 Dialect = Plain | Lanes

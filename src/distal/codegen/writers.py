@@ -6,7 +6,7 @@ after the last instruction. Positions in it are therefore written as marks («�
 `Scratch.settled` replaces.
 
 What the writers of one function of matrices share: the values that each instruction reads and
-makes, where each result goes, and the definition of a function around its lines.
+makes, and where each result goes.
 
 A result is a view of another value, or lies over an input that is no longer needed, or in new
 scratch. CasADi's instructions use the slots of a work vector again and again. Here each result has
@@ -14,16 +14,18 @@ a number of its own that is never used again (static single assignment), so that
 a result does not depend on its slot.
 
 C of the instructions of a function of matrices, by one writer each: slices, joins and shapes of
-values, most of which are views; and products: dense, with one sparse factor, of rank one, and of
-two vectors.
+values, most of which are views; products: dense, with one sparse factor, of rank one, and of two
+vectors; and calls, of which a result that is nothing but an output of the caller is written
+straight into that output, every other one into scratch.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -55,7 +57,8 @@ class Value:
     Args:
         home: the array that holds them: ``a0``, ``r1`` … for arguments, ``state``, ``w`` for
             scratch; None for constants.
-        offset: of the first number in its home; for scratch, within its own block.
+        offset: of the first number in its home; for scratch, within its own block. Of constants it
+            says nothing.
         size: how many numbers.
         block: index of the block of scratch that holds them, -1 outside scratch.
         ids: the numbers themselves, if they are constants.
@@ -69,9 +72,8 @@ class Value:
 
     def part(self, offset: int, size: int) -> Value:
         """Return `size` of the numbers from `offset` on, as a view."""
-        if self.home is None:
-            return replace(self, size=size, ids=self.ids[offset : offset + size])
-        return Value(self.home, self.offset + offset, size, self.block)
+        ids = self.ids[offset : offset + size]
+        return Value(self.home, self.offset + offset, size, self.block, ids)
 
     @property
     def is_zero(self) -> bool:
@@ -105,9 +107,9 @@ class Scratch:
         self.blocks: list[Block] = []
         self.size = 0
 
-    def new(self, size: int, first: int, last: int) -> Value:
-        """Return a new piece of scratch, in use from instruction `first` to `last`."""
-        self.blocks.append(Block(size, first, last))
+    def new(self, size: int, k: int) -> Value:
+        """Return a new piece of scratch, in use at instruction `k`."""
+        self.blocks.append(Block(size, k, k))
         return Value("w", 0, size, len(self.blocks) - 1)
 
     def keep(self, value: Value, until: int) -> None:
@@ -155,6 +157,11 @@ def shifted(base: str, offset: int) -> str:
     return f"{base} + {offset}" if offset else base
 
 
+def loop(variable: str, count: int) -> str:
+    """Return the head of a loop in C whose variable counts from zero."""
+    return f"for ({variable} = 0; {variable} < {count}; ++{variable})"
+
+
 def _element(home: str, offset: int, index: str) -> str:
     """Return the C of a number that lies at an index, an integer or C, behind an offset."""
     if index.isdigit():
@@ -162,17 +169,29 @@ def _element(home: str, offset: int, index: str) -> str:
     return f"{home}[{offset} + {index}]" if offset else f"{home}[{index}]"
 
 
-class Tables:
-    """Tables of the constants and indices of one function; equal tables are written once."""
+class Memory:
+    """The lines of C of one function, and the C that reaches a value wherever it lies."""
 
     def __init__(self, dialect: Dialect) -> None:
-        self._dialect = dialect
-        self._names: dict[tuple[str, str], str] = {}
-        self.lines: list[str] = []
+        self.dialect = dialect
+        self.lines = list[str]()
+        self.scratch = Scratch()
+        self._tables = dict[tuple[str, str], str]()
+
+    @property
+    def tables(self) -> list[str]:
+        """The tables of constants and indices; equal tables are written once."""
+        return [
+            f"  static const {kind} {name}{body}" for (kind, body), name in self._tables.items()
+        ]
+
+    def _table(self, letter: str, kind: str, entries: list[str]) -> str:
+        body = f"[{len(entries)}] = {{{', '.join(entries)}}};"
+        return self._tables.setdefault((kind, body), f"{letter}{len(self._tables)}")
 
     def constants(self, ids: tuple[float, ...]) -> str:
         """Return the name of a table of constants."""
-        return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in ids])
+        return self._table("c", self.dialect.type, [self.dialect.entry(number) for number in ids])
 
     def indices(self, ids: list[int]) -> str:
         """Return the name of a table of indices.
@@ -186,29 +205,12 @@ class Tables:
             )
         return self._table("t", INDEX, [str(number) for number in ids])
 
-    def _table(self, letter: str, kind: str, entries: list[str]) -> str:
-        body = f"[{len(entries)}] = {{{', '.join(entries)}}};"
-        name = self._names.get((letter, body))
-        if name is None:
-            name = self._names[letter, body] = f"{letter}{len(self.lines)}"
-            self.lines.append(f"  static const {kind} {name}{body}")
-        return name
-
-
-class Memory:
-    """The C that reaches a value wherever it lies."""
-
-    def __init__(self, dialect: Dialect) -> None:
-        self.dialect = dialect
-        self.tables = Tables(dialect)
-        self.scratch = Scratch()
-
     def address(self, value: Value) -> str:
         """Return the C of a value's address."""
         if value.size == 0:
             return "0"
         if value.home is None:
-            return self.tables.constants(value.ids)
+            return self.constants(value.ids)
         if value.home == "w":
             return f"«{value.block}:{value.offset}:»"
         return shifted(value.home, value.offset)
@@ -216,391 +218,294 @@ class Memory:
     def at(self, value: Value, index: str | int) -> str:
         """Return the C of one number of a value; its index is an integer or C."""
         if value.home is None:
-            if value.is_uniform:
-                return self.dialect.constant(value.ids[0])
-            if isinstance(index, int):
-                return self.dialect.constant(value.ids[index])
-            return f"{self.tables.constants(value.ids)}[{index}]"
+            k = 0 if value.is_uniform else index
+            if isinstance(k, int):
+                return self.dialect.constant(value.ids[k])
+            return f"{self.constants(value.ids)}[{k}]"
         if value.home == "w":
             return f"«{value.block}:{value.offset}:{index}»"
         return _element(value.home, value.offset, str(index))
 
-    def copy(self, to: Value, value: Value) -> list[str]:
-        """Return the C that copies a value to another position."""
-        return for_each(value.size, lambda i: f"{self.at(to, i)} = {self.at(value, i)};")
+    def write(self, line: str) -> None:
+        """Write a line."""
+        self.lines.append(f"  {line}")
+
+    def for_each(self, size: int, line: Callable[[str | int], str]) -> None:
+        """Write a line for each index below `size`: as a loop, or line by line if there are at most
+        `UNROLLED`.
+        """
+        if size > UNROLLED:
+            self.write(f"{loop('i', size)} {line('i')}")
+        else:
+            self.lines += [f"  {line(i)}" for i in range(size)]
+
+    def copy(self, to: Value, value: Value) -> None:
+        """Copy a value to another position."""
+        self.for_each(value.size, lambda i: f"{self.at(to, i)} = {self.at(value, i)};")
+
+    def call(self, name: str, arguments: list[Value]) -> None:
+        """Call a function of C."""
+        self.write(f"{name}({', '.join(map(self.address, arguments))});")
 
 
-def for_each(size: int, line: Callable[[str | int], str]) -> list[str]:
-    """Return the C that does a line for each index below `size`: as a loop, or line by line if
-    there are at most `UNROLLED`.
+@dataclass(frozen=True)
+class Body:
+    """What a function in C does.
+
+    Args:
+        lines: of its body.
+        arrays: declarations of the arrays that they need.
+        scratch: how many numbers the array for intermediates has.
     """
-    if size <= UNROLLED:
-        return [f"  {line(i)}" for i in range(size)]
-    return [f"  for (i = 0; i < {size}; ++i) {line('i')}"]
+
+    lines: list[str]
+    arrays: list[str]
+    scratch: int = 0
 
 
 class Dataflow:
     """The values of one function of matrices (MX), by number.
 
     With `in_place` the first output is written where the first input stands, so that values that
-    belong to this output must last until the end.
+    belong to an output must last until the end.
     """
 
     def __init__(self, function: ca.Function, in_place: bool) -> None:
         self.function = function
+        self.in_place = in_place
         self.end = int(function.n_instructions())
         self.operations = [int(function.instruction_id(k)) for k in range(self.end)]
         self.reads: list[list[int]] = []
         self.makes: list[list[int]] = []
-        self._number()
         self.readers: dict[int, list[int]] = {}
-        for k, read in enumerate(self.reads):
-            for number in read:
-                self.readers.setdefault(number, []).append(k)
-        self._last = {number: readers[-1] for number, readers in self.readers.items()}
-        self.direct = {} if in_place else self._direct()
-        """Results of calls that are nothing but outputs: number → which output, and the offset in
-        it.
+        self.parts: dict[int, tuple[int, int]] = {}
+        """The begin and end of the part of its input that a slice reads; any other instruction
+        reads all of it.
         """
-        if in_place:
-            for k, operation in enumerate(self.operations):
-                for number in self.reads[k] if operation == ca.OP_OUTPUT else []:
-                    self._last[number] = self.end
-                    self.readers[number].append(self.end)
-        self._parts: dict[int, tuple[int, int] | None] = {}
-
-    def _number(self) -> None:
-        """Number the values, and note the numbers that each instruction reads and makes."""
         slots: dict[int, int] = {}
-        number = 0
+        first = 0
         for k, operation in enumerate(self.operations):
-            inputs = self.function.instruction_input(k) if operation != ca.OP_INPUT else []
-            outputs = self.function.instruction_output(k) if operation != ca.OP_OUTPUT else []
+            inputs = function.instruction_input(k) if operation != ca.OP_INPUT else []
+            outputs = function.instruction_output(k) if operation != ca.OP_OUTPUT else []
             self.reads.append([slots[slot] for slot in inputs if slot >= 0])
-            self.makes.append(list(range(number, number + len(outputs))))
-            for slot in outputs:
-                if slot >= 0:
-                    slots[slot] = number
-                number += 1
+            self.makes.append([*range(first, first + len(outputs))])
+            first += len(outputs)
+            slots.update(zip(outputs, self.makes[k]))
+            used_at = [k, self.end] if in_place and operation == ca.OP_OUTPUT else [k]
+            for number in self.reads[k]:
+                self.readers.setdefault(number, []).extend(used_at)
+            if operation == ca.OP_GETNONZEROS:
+                at = [int(i) for i in function.instruction_MX(k).mapping().nonzeros()]
+                self.parts[k] = (min(at), max(at) + 1) if at else (0, 0)
 
-    def last(self, number: int, otherwise: int) -> int:
-        """Return the last instruction that reads a value, or `otherwise` if none does."""
-        return self._last.get(number, otherwise)
+    def last(self, number: int) -> int:
+        """Return the last instruction that reads a value, or -1 if none does."""
+        return max(self.readers.get(number, [-1]))
 
-    def part_read(self, reader: int) -> tuple[int, int] | None:
-        """Return the begin and end of the part of its input that a slice reads, and None for an
-        instruction (or `end`) that reads all of it.
+    def direct(self, number: int) -> tuple[str, int] | None:
+        """Return the output that a value is, perhaps in another shape, and nothing else, and the
+        offset in it.
         """
-        if reader not in self._parts:
-            part = None
-            if reader < self.end and self.operations[reader] == ca.OP_GETNONZEROS:
-                at = [int(i) for i in self.function.instruction_MX(reader).mapping().nonzeros()]
-                part = (min(at), max(at) + 1) if at else (0, 0)
-            self._parts[reader] = part
-        return self._parts[reader]
-
-    def _direct(self) -> dict[int, tuple[int, int]]:
-        """Return the results of calls that are used as one output, perhaps in another shape, and
-        nowhere else.
-        """
-        positions = {}
-        for k, results in enumerate(self.makes):
-            for number in results if self.operations[k] == ca.OP_CALL else []:
-                through = number
-                while len(self.readers.get(through, [])) == 1:
-                    reader = self.readers[through][0]
-                    if self.operations[reader] == ca.OP_RESHAPE:
-                        through = self.makes[reader][0]
-                        continue
-                    if self.operations[reader] == ca.OP_OUTPUT:
-                        output = self.function.instruction_MX(reader).info()
-                        positions[number] = (int(output["ind"]), int(output["offset"]))
-                    break
-        return positions
+        readers = self.readers.get(number, [])
+        if self.in_place or len(readers) != 1:
+            return None
+        (k,) = readers
+        if self.operations[k] == ca.OP_RESHAPE:
+            return self.direct(self.makes[k][0])
+        if self.operations[k] != ca.OP_OUTPUT:
+            return None
+        output = self.function.instruction_MX(k).info()
+        return f"r{output['ind']}", int(output["offset"])
 
 
-class Placement:
-    """The values of a function that have been made so far, by number, with their positions."""
-
-    def __init__(self, flow: Dataflow, memory: Memory) -> None:
-        self._flow = flow
-        self._memory = memory
-        self._values: dict[int, Value] = {}
-        self._beside: dict[tuple[str | None, int], list[int]] = {}
-
-    def __getitem__(self, number: int) -> Value:
-        return self._values[number]
-
-    def put(self, number: int, value: Value) -> Value:
-        """Note the position of a value under its number, and return the value."""
-        self._values[number] = value
-        self._beside.setdefault((value.home, value.block), []).append(number)
-        return value
-
-    def view(self, k: int, number: int, value: Value) -> None:
-        """Let a result of instruction `k` be a view of another value, whose position is then in use
-        as long as the view is.
-        """
-        self.put(number, value)
-        self._memory.scratch.keep(value, self._flow.last(number, k))
-
-    def new(self, k: int, number: int, size: int) -> Value:
-        """Return new scratch for a result of instruction `k`."""
-        return self.put(number, self._memory.scratch.new(size, k, self._flow.last(number, k)))
-
-    def over_an_input(self, k: int, size: int) -> Value:
-        """Return the position of an element-wise result of instruction `k`: over its first input of
-        the same size that may be overwritten, else in new scratch.
-
-        This is allowed because the instruction reads each element before it writes the same one.
-        """
-        number = self._flow.makes[k][0]
-        for over in self._flow.reads[k]:
-            if self._values[over].size == size and self._is_free(over, k):
-                return self._replaced(k, number, over)
-        return self.new(k, number, size)
-
-    def over_the_first(self, k: int) -> tuple[Value, list[str]]:
-        """Return the position of a result that changes the first input of instruction `k`, and the
-        lines of C that copy this input there first.
-
-        If the first input may be overwritten, the result lies over it and there is no copy. The
-        instruction may read any other input while it writes.
-        """
-        number = self._flow.makes[k][0]
-        (over, *factors) = self._flow.reads[k]
-        base = self._values[over]
-        if over not in factors and self._is_free(over, k):
-            return self._replaced(k, number, over), []
-        to = self.new(k, number, base.size)
-        return to, self._memory.copy(to, base)
-
-    def _replaced(self, k: int, number: int, over: int) -> Value:
-        value = self._values[over]
-        self._memory.scratch.keep(value, self._flow.last(number, k))
-        return self.put(number, value)
-
-    def _is_free(self, number: int, k: int) -> bool:
-        """Return whether instruction `k` may write over a value: no later instruction reads it, and
-        neither `k` nor a later one reads another value that overlaps it.
-        """
-        value = self._values[number]
-        flow = self._flow
-        if value.home not in ("w", "state") or flow.last(number, -1) > k:
-            return False
-        low = value.offset
-        high = value.offset + value.size
-        for neighbour in self._beside[value.home, value.block]:
-            beside = self._values[neighbour]
-            for reader in flow.readers.get(neighbour, []) if neighbour != number else []:
-                if reader >= k:
-                    begin, end = flow.part_read(reader) or (0, beside.size)
-                    if beside.offset + begin < high and low < beside.offset + end:
-                        return False
-        return True
-
-
-_ARGUMENT = re.compile(r"\b[ar]\d+\b")
-
-
-def framed(
-    function: ca.Function,
-    name: str,
-    in_place: bool,
-    dialect: Dialect,
-    arrays: list[str],
-    lines: list[str],
-) -> str:
-    """Return the definition of a function in C: signature, arrays, loop variables and its `lines`.
-
-    The `arrays` are the declarations of those that the lines need. Inputs become ``a0`` …, outputs
-    ``r0`` …. With `in_place` the first input and the first output are one array, ``state``.
-    """
-    kind = dialect.type
-    skip = 1 if in_place else 0
-    inputs = [f"a{i}" for i in range(skip, function.n_in())]
-    outputs = [f"r{i}" for i in range(skip, function.n_out())]
-    arguments = [f"{kind}* restrict state"] if in_place else []
-    arguments += [f"const {kind}* restrict {argument}" for argument in inputs]
-    arguments += [f"{kind}* restrict {argument}" for argument in outputs]
-    body = "\n".join(lines)
-    used = set(_ARGUMENT.findall(body))
-    loops = [f"  int {variable};" for variable in "ijk" if f"for ({variable} = 0" in body]
-    unused = [f"  (void){argument};" for argument in (*inputs, *outputs) if argument not in used]
-    return "\n".join(
-        [
-            f"static void {name}({', '.join(arguments)}) {{",
-            *arrays,
-            *loops,
-            *unused,
-            *lines,
-            "}",
-            "",
-        ]
-    )
-
-
-@dataclass(frozen=True)
-class Written:
-    """A function as C.
-
-    Args:
-        name: in C.
-        text: its definition.
-        scratch: how many numbers its array for intermediates has.
-    """
-
-    name: str
-    text: str
-    scratch: int = 0
-
-
-WriteFunction = Callable[[ca.Function, bool], Written]
-"""Writes a function that has not been written yet and returns it as C; the second argument says
-whether its first input is changed in place.
+WriteFunction = Callable[[ca.Function, bool], str]
+"""Writes a function that has not been written yet and returns its name in C; the second argument
+says whether its first input is changed in place.
 """
 
 
-@dataclass(frozen=True)
-class Step:
-    """One instruction, which a writer turns into lines of C.
+class Workspace(Memory):
+    """One function of matrices while it is written as C, at one of its instructions.
 
     Args:
-        k: its number.
+        written: writes the functions that it calls.
+
+    Attributes:
+        k: number of the instruction.
         operation: CasADi's number of its operation.
         node: CasADi's expression of it.
         inputs: the values that it reads.
         makes: the numbers of its results.
     """
 
-    k: int
-    operation: int
-    node: MatrixNode
-    inputs: list[Value]
-    makes: list[int]
+    def __init__(self, flow: Dataflow, dialect: Dialect, written: WriteFunction) -> None:
+        super().__init__(dialect)
+        self.flow = flow
+        self.written = written
+        self._values: dict[int, Value] = {}
+        self._beside: dict[tuple[str | None, int], list[int]] = {}
 
-
-@dataclass(frozen=True)
-class Workspace:
-    """One function of matrices while it is written as C. The functions that it calls are written by
-    `written`; `in_place` is as for `Dataflow`.
-    """
-
-    flow: Dataflow
-    memory: Memory
-    placement: Placement
-    written: WriteFunction
-    in_place: bool
-
-    def step(self, k: int) -> Step:
-        """Return instruction `k`."""
+    def go_to(self, k: int) -> None:
+        """Go to instruction `k`, the next one."""
         flow = self.flow
-        inputs = [self.placement[number] for number in flow.reads[k]]
-        return Step(k, flow.operations[k], flow.function.instruction_MX(k), inputs, flow.makes[k])
+        self.k = k
+        self.operation = flow.operations[k]
+        self.node: MatrixNode = flow.function.instruction_MX(k)
+        self.inputs = [self._values[number] for number in flow.reads[k]]
+        self.makes = flow.makes[k]
+
+    def outside(self, letter: str, size: int) -> Value:
+        """Return where the caller has what the instruction reads or writes: in ``state``, or in an
+        argument that begins with a letter.
+        """
+        part = self.node.info()
+        home = "state" if self.flow.in_place and part["ind"] == 0 else f"{letter}{part['ind']}"
+        return Value(home, int(part["offset"]), size)
+
+    def view(self, value: Value, which: int = 0) -> Value:
+        """Let a result be a view of another value, whose position is then in use as long as the
+        view is; return that value.
+        """
+        number = self.makes[which]
+        self._values[number] = value
+        self._beside.setdefault((value.home, value.block), []).append(number)
+        self.scratch.keep(value, self.flow.last(number))
+        return value
+
+    def new(self, size: int, which: int = 0) -> Value:
+        """Return new scratch for a result."""
+        return self.view(self.scratch.new(size, self.k), which)
+
+    def over_an_input(self, size: int) -> Value:
+        """Return the position of an element-wise result: over the first input of the same size that
+        may be overwritten, else in new scratch.
+
+        This is allowed because the instruction reads each element before it writes the same one.
+        """
+        for number, value in zip(self.flow.reads[self.k], self.inputs):
+            if value.size == size and self._is_free(number):
+                return self.view(value)
+        return self.new(size)
+
+    def over_the_first(self) -> Value:
+        """Return the position of a result that changes the first input, and copy this input there
+        first.
+
+        If the first input may be overwritten, the result lies over it and there is no copy. The
+        instruction may read any other input while it writes.
+        """
+        (over, *factors) = self.flow.reads[self.k]
+        base = self.inputs[0]
+        if over not in factors and self._is_free(over):
+            return self.view(base)
+        to = self.new(base.size)
+        self.copy(to, base)
+        return to
+
+    def _is_free(self, number: int) -> bool:
+        """Return whether the instruction may write over a value: no later one reads it, and neither
+        this nor a later one reads another value that overlaps it.
+        """
+        value = self._values[number]
+        flow = self.flow
+        if value.home not in ("w", "state") or flow.last(number) > self.k:
+            return False
+        low = value.offset
+        high = value.offset + value.size
+        for neighbour in self._beside[value.home, value.block]:
+            beside = self._values[neighbour]
+            for reader in flow.readers.get(neighbour, []) if neighbour != number else []:
+                if reader >= self.k:
+                    begin, end = flow.parts.get(reader, (0, beside.size))
+                    if beside.offset + begin < high and low < beside.offset + end:
+                        return False
+        return True
 
 
-Writer = Callable[[Workspace, Step], list[str]]
-"""Turns one instruction into lines of C; there are none if its result is only a view of another
+Writer = Callable[[Workspace], None]
+"""Writes the instruction of a workspace; there are no lines if its result is only a view of another
 value.
 """
 
 
-def argument(work: Workspace, step: Step) -> list[str]:
+def argument(work: Workspace) -> None:
     """Let an argument, or a part of it, be a view of where the caller has it."""
-    part = step.node.info()
-    home = "state" if work.in_place and part["ind"] == 0 else f"a{part['ind']}"
-    return _seen(work, step, Value(home, int(part["offset"]), int(step.node.nnz())))
+    work.view(work.outside("a", int(work.node.nnz())))
 
 
-def constant(work: Workspace, step: Step) -> list[str]:
+def constant(work: Workspace) -> None:
     """Keep constants until they are used: they are then written as literals, or in a table."""
-    ids = tuple(float(x) for x in step.node.to_DM().nonzeros())
-    return _seen(work, step, Value(None, 0, len(ids), ids=ids))
+    ids = tuple(float(x) for x in work.node.to_DM().nonzeros())
+    work.view(Value(None, 0, len(ids), ids=ids))
 
 
-def shape(work: Workspace, step: Step) -> list[str]:
+def shape(work: Workspace) -> None:
     """Let a value in another shape be a view of the same numbers."""
-    return _seen(work, step, step.inputs[0])
+    work.view(work.inputs[0])
 
 
-def transpose(work: Workspace, step: Step) -> list[str]:
+def transpose(work: Workspace) -> None:
     """Write the transpose of a dense matrix; that of a row or a column is a view."""
-    (value,) = step.inputs
-    node = step.node
-    rows = node.size1()
-    columns = node.size2()
+    (value,) = work.inputs
+    rows, columns = work.node.shape
     if rows == 1 or columns == 1:
-        return _seen(work, step, value)
-    if not node.is_dense():
+        work.view(value)
+    elif work.node.is_dense():
+        to = work.at(work.new(value.size), f"i + {rows} * j")
+        work.write(
+            f"{loop('i', rows)} {loop('j', columns)} {to} = {work.at(value, f'j + {columns} * i')};"
+        )
+    else:
         raise CodeError("a transposed sparse matrix has no C here")
-    to = work.placement.new(step.k, step.makes[0], value.size)
-    at = work.memory.at
-    return [
-        f"  for (i = 0; i < {rows}; ++i) for (j = 0; j < {columns}; ++j) "
-        f"{at(to, f'i + {rows} * j')} = {at(value, f'j + {columns} * i')};"
-    ]
 
 
-def get(work: Workspace, step: Step) -> list[str]:
+def get(work: Workspace) -> None:
     """Write a slice: neighbouring numbers are a view, scattered ones are gathered."""
-    value = step.inputs[0]
-    at = _mapping(step)
-    memory = work.memory
-    if len(at) <= 1 or _even(at) == 1:
-        return _seen(work, step, value.part(at[0] if at else 0, len(at)))
-    to = work.placement.new(step.k, step.makes[0], len(at))
-    source = _index(work, at)
-    return for_each(len(at), lambda i: f"{memory.at(to, i)} = {memory.at(value, source(i))};")
+    value = work.inputs[0]
+    at = _mapping(work)
+    if _even(at) == 1:
+        work.view(value.part(at[0] if at else 0, len(at)))
+    else:
+        to = work.new(len(at))
+        source = _index(work, at)
+        work.for_each(len(at), lambda i: f"{work.at(to, i)} = {work.at(value, source(i))};")
 
 
-def put(work: Workspace, step: Step) -> list[str]:
+def put(work: Workspace) -> None:
     """Write the numbers of one value into a slice of another, or add them to it."""
-    values = step.inputs[1]
-    at = _mapping(step)
-    memory = work.memory
-    sign = "+=" if step.operation == ca.OP_ADDNONZEROS else "="
-    to, lines = work.placement.over_the_first(step.k)
+    values = work.inputs[1]
+    at = _mapping(work)
+    sign = "+=" if work.operation == ca.OP_ADDNONZEROS else "="
+    to = work.over_the_first()
     target = _index(work, at)
-    return lines + for_each(
-        len(at), lambda i: f"{memory.at(to, target(i))} {sign} {memory.at(values, i)};"
-    )
+    work.for_each(len(at), lambda i: f"{work.at(to, target(i))} {sign} {work.at(values, i)};")
 
 
-def join(work: Workspace, step: Step) -> list[str]:
+def join(work: Workspace) -> None:
     """Write values one after the other: matrices side by side, or columns on top of each other."""
-    if step.node.size2() > 1 and step.operation == ca.OP_VERTCAT:
+    if work.node.size2() > 1 and work.operation == ca.OP_VERTCAT:
         raise CodeError("matrices on top of each other have no C here")
-    to = work.placement.new(step.k, step.makes[0], int(step.node.nnz()))
-    lines = list[str]()
+    to = work.new(int(work.node.nnz()))
     offset = 0
-    for value in step.inputs:
-        lines += work.memory.copy(to.part(offset, value.size), value)
+    for value in work.inputs:
+        work.copy(to.part(offset, value.size), value)
         offset += value.size
-    return lines
 
 
-def split(work: Workspace, step: Step) -> list[str]:
+def split(work: Workspace) -> None:
     """Let pieces of a value, one after the other, be views of it."""
-    if step.operation == ca.OP_VERTSPLIT and step.node.dep(0).size2() > 1:
+    if work.operation == ca.OP_VERTSPLIT and work.node.dep(0).size2() > 1:
         raise CodeError("matrices on top of each other have no C here")
     offset = 0
-    node = step.node
-    for i, number in enumerate(step.makes):
-        size = int(node.get_output(i).nnz())
-        work.placement.view(step.k, number, step.inputs[0].part(offset, size))
+    for i in range(len(work.makes)):
+        size = int(work.node.get_output(i).nnz())
+        work.view(work.inputs[0].part(offset, size), i)
         offset += size
-    return []
 
 
-def _seen(work: Workspace, step: Step, value: Value) -> list[str]:
-    """Let the result be a view, which takes no lines of C."""
-    work.placement.view(step.k, step.makes[0], value)
-    return []
-
-
-def _mapping(step: Step) -> list[int]:
+def _mapping(work: Workspace) -> list[int]:
     """Return the indices of a slice."""
-    at = [int(i) for i in step.node.mapping().nonzeros()]
+    at = [int(i) for i in work.node.mapping().nonzeros()]
     if at and min(at) < 0:
         raise CodeError("a slice with structural zeros has no C here")
     return at
@@ -615,17 +520,13 @@ def _index(work: Workspace, at: list[int]) -> Callable[[str | int], str | int]:
     def index(i: str | int) -> str | int:
         if isinstance(i, int):
             return at[i]
-        return (
-            f"{at[0]} + {step} * {i}"
-            if step is not None
-            else f"{work.memory.tables.indices(at)}[{i}]"
-        )
+        return f"{work.indices(at)}[{i}]" if step is None else f"{at[0]} + {step} * {i}"
 
     return index
 
 
 def _even(at: list[int]) -> int | None:
-    """Return the step between indices, or None where it changes."""
+    """Return the step between indices, 1 where there are less than two, None where it changes."""
     steps = set(np.diff(at))
     return int(steps.pop()) if len(steps) == 1 else (1 if not steps else None)
 
@@ -649,30 +550,28 @@ by one instead of as a loop. Source: judgement.
 """
 
 
-def product(work: Workspace, step: Step) -> list[str]:
+def product(work: Workspace) -> None:
     """Write z + x y, with both factors dense or one of them sparse."""
-    z, x, y = (step.node.dep(i) for i in range(3))
+    z, x, y = (work.node.dep(i) for i in range(3))
     if not z.is_dense():
         raise CodeError("a sparse product has no C here")
     if not x.is_dense() and not y.is_dense():
         raise CodeError("the product of two sparse matrices has no C here")
-    rows = x.size1()
-    inner = x.size2()
+    rows, inner = x.shape
     columns = y.size2()
     multiplications = min(int(x.nnz()) * columns, rows * int(y.nnz()))
     if multiplications > LARGEST_INLINE and work.flow.function.name() != PRODUCT:
-        return _called(
-            work, step, _product(*(tuple(factor.sparsity().compress()) for factor in (x, y)))
-        )
-    if x.is_dense() and y.is_dense():
-        return _dense(work, step, rows, inner, columns)
-    if y.is_dense():
-        at = x.sparsity().get_triplet()
-        return _sparse_left(work, step, (rows, inner, columns), *at)
-    at = y.sparsity().get_triplet()
-    if len(at[0]) <= UNROLLED_TERMS:
-        return _sparse_right_unrolled(work, step, rows, columns, list(zip(*at)))
-    return _sparse_right(work, step, rows, columns, *at)
+        # C knows that arguments do not overlap, which it does not know of parts of scratch
+        name = work.written(_product(*(tuple(part.sparsity().compress()) for part in (x, y))), True)
+        work.call(name, [work.over_the_first(), *work.inputs[1:]])
+    elif x.is_dense() and y.is_dense():
+        _dense(work, rows, inner, columns)
+    elif y.is_dense():
+        _sparse_left(work, rows, inner, columns, *x.sparsity().get_triplet())
+    else:
+        is_short = y.nnz() <= UNROLLED_TERMS
+        write = _sparse_right_unrolled if is_short else _sparse_right
+        write(work, rows, columns, *y.sparsity().get_triplet())
 
 
 @lru_cache(maxsize=1024)
@@ -680,145 +579,203 @@ def _product(left: tuple[int, ...], right: tuple[int, ...]) -> ca.Function:
     """Return (z, x, y) → z + x y, once for each pair of sparsities, which are given as CasADi
     compresses them.
     """
-    x, y = (
-        ca.MX.sym(name, ca.Sparsity.compressed(sparsity))
-        for name, sparsity in (("x", left), ("y", right))
-    )
+    x = ca.MX.sym("x", ca.Sparsity.compressed(left))
+    y = ca.MX.sym("y", ca.Sparsity.compressed(right))
     z = ca.MX.sym("z", x.size1(), y.size2())
     return ca.Function(PRODUCT, [z, x, y], [ca.mac(x, y, z)])
 
 
-def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
-    """Write z + x y as a call of a function of its own. C knows that arguments do not overlap,
-    which it does not know of parts of scratch.
-    """
-    written = work.written(function, True)
-    to, lines = work.placement.over_the_first(step.k)
-    addresses = ", ".join(work.memory.address(value) for value in (to, *step.inputs[1:]))
-    return [*lines, f"  {written.name}({addresses});"]
-
-
-def rank_one(work: Workspace, step: Step) -> list[str]:
+def rank_one(work: Workspace) -> None:
     """Write A + α x yᵀ."""
-    _, alpha, x, y = step.inputs
-    rows = step.node.size1()
-    columns = step.node.size2()
-    at = work.memory.at
-    to, lines = work.placement.over_the_first(step.k)
-    sign = "-=" if alpha.home is None and alpha.ids[0] == -1.0 else f"+= {at(alpha, 0)} *"
-    loops = f"for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i)"
-    return [*lines, f"  {loops} {at(to, f'i + {rows} * j')} {sign} {at(x, 'i')} * {at(y, 'j')};"]
+    _, alpha, x, y = work.inputs
+    rows, columns = work.node.shape
+    to = work.at(work.over_the_first(), f"i + {rows} * j")
+    sign = "-=" if alpha.home is None and alpha.ids[0] == -1.0 else f"+= {work.at(alpha, 0)} *"
+    loops = f"{loop('j', columns)} {loop('i', rows)}"
+    work.write(f"{loops} {to} {sign} {work.at(x, 'i')} * {work.at(y, 'j')};")
 
 
-def dot(work: Workspace, step: Step) -> list[str]:
+def dot(work: Workspace) -> None:
     """Write the dot product of two values."""
-    x, y = step.inputs
-    at = work.memory.at
-    dialect = work.memory.dialect
-    to = work.placement.new(step.k, step.makes[0], 1)
-    total = f"s += {at(x, 'i')} * {at(y, 'i')};"
-    start = f"{dialect.type} s = {dialect.constant(0.0)};"
-    return [f"  {{ {start} for (i = 0; i < {x.size}; ++i) {total} {at(to, 0)} = s; }}"]
+    x, y = work.inputs
+    total = f"s += {work.at(x, 'i')} * {work.at(y, 'i')};"
+    start = f"{work.dialect.type} s = {work.dialect.constant(0.0)};"
+    to = work.at(work.new(1), 0)
+    work.write(f"{{ {start} {loop('i', x.size)} {total} {to} = s; }}")
 
 
-def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> list[str]:
+def _dense(work: Workspace, rows: int, inner: int, columns: int) -> None:
     """Write z + x y, both dense. Each number of the result is one sum; a few columns are summed
     together.
     """
-    _, x, y = step.inputs
-    memory = work.memory
-    to, lines, zero = _begun(work, step)
-    kind = memory.dialect.type
-    at = memory.at
-    for first, end in _ranges(columns):
+    _, x, y = work.inputs
+    to, zero = _begun(work)
+    at = work.at
+    whole = columns - columns % min(COLUMNS_TOGETHER, columns)
+    for first, end in pairwise(sorted({0, whole, columns})):  # the last few columns are left over
         together = range(min(COLUMNS_TOGETHER, end - first))
         positions = [at(to, shifted("i", rows * (first + c)) + f" + {rows} * j") for c in together]
-        starts = [memory.dialect.constant(0.0) if zero else position for position in positions]
-        sums = ", ".join(f"s{c} = {start}" for c, start in enumerate(starts))
+        sums = ", ".join(f"s{c} = {zero or position}" for c, position in enumerate(positions))
         short = inner <= UNROLLED_TERMS
         terms = []
         for k in map(str, range(inner)) if short else ["k"]:
             left = at(x, shifted("i", rows * int(k)) if short else f"i + {rows} * k")
             right = [at(y, shifted(k, inner * (first + c)) + f" + {inner} * j") for c in together]
             added = " ".join(f"s{c} += e * {factor};" for c, factor in enumerate(right))
-            terms.append(f"{{ const {kind} e = {left}; {added} }}")
-        total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
+            terms.append(f"{{ const {work.dialect.type} e = {left}; {added} }}")
+        total = " ".join(terms) if short else f"{loop('k', inner)} {terms[0]}"
         ends = " ".join(f"{position} = s{c};" for c, position in enumerate(positions))
-        lines.append(
-            f"  for (j = 0; j < {end - first}; j += {len(together)}) for (i = 0; i < {rows}; ++i) "
-            f"{{ {kind} {sums}; "
-            f"{total} {ends} }}"
+        work.write(
+            f"for (j = 0; j < {end - first}; j += {len(together)}) {loop('i', rows)} "
+            f"{{ {work.dialect.type} {sums}; {total} {ends} }}"
         )
-    return lines
-
-
-def _ranges(columns: int) -> list[tuple[int, int]]:
-    """Return the columns that are summed a few together, and those that are left."""
-    together = columns - columns % min(COLUMNS_TOGETHER, columns)
-    return [(0, together)] + ([(together, columns)] if together < columns else [])
 
 
 def _sparse_left(
-    work: Workspace, step: Step, sizes: tuple[int, int, int], row: list[int], column: list[int]
-) -> list[str]:
+    work: Workspace, rows: int, inner: int, columns: int, row: list[int], column: list[int]
+) -> None:
     """Write z + x y with a sparse x, (rows, inner) times (inner, columns): each nonzero of x is
     multiplied by a row of y.
     """
-    rows, inner, columns = sizes
-    _, x, y = step.inputs
-    at = work.memory.at
-    tables = work.memory.tables
-    to, lines = work.placement.over_the_first(step.k)
-    where = at(y, f"{tables.indices(column)}[k]" + (f" + {inner} * j" if columns > 1 else ""))
+    _, x, y = work.inputs
+    to = work.over_the_first()
+    where = work.at(y, f"{work.indices(column)}[k]" + (f" + {inner} * j" if columns > 1 else ""))
     below = f" + {rows} * j" if columns > 1 else ""
-    target = at(to, f"{tables.indices(row)}[k]{below}" if rows > 1 else ("j" if columns > 1 else 0))
-    loop = f"for (j = 0; j < {columns}; ++j) " if columns > 1 else ""
-    return [*lines, f"  {loop}for (k = 0; k < {len(row)}; ++k) {target} += {at(x, 'k')} * {where};"]
+    single = "j" if columns > 1 else 0
+    target = work.at(to, f"{work.indices(row)}[k]{below}" if rows > 1 else single)
+    loops = f"{loop('j', columns)} " if columns > 1 else ""
+    loops += loop("k", len(row))
+    work.write(f"{loops} {target} += {work.at(x, 'k')} * {where};")
 
 
 def _sparse_right(
-    work: Workspace, step: Step, rows: int, columns: int, row: list[int], column: list[int]
-) -> list[str]:
+    work: Workspace, rows: int, columns: int, row: list[int], column: list[int]
+) -> None:
     """Write z + x y with a sparse y: each nonzero of y is multiplied by a column of x."""
-    _, x, y = step.inputs
-    at = work.memory.at
-    tables = work.memory.tables
-    to, lines = work.placement.over_the_first(step.k)
-    target = at(to, f"i + {rows} * {tables.indices(column)}[k]" if columns > 1 else "i")
-    where = at(x, f"i + {rows} * {tables.indices(row)}[k]")
-    loop = f"for (k = 0; k < {len(row)}; ++k) for (i = 0; i < {rows}; ++i)"
-    return [*lines, f"  {loop} {target} += {where} * {at(y, 'k')};"]
+    _, x, y = work.inputs
+    to = work.over_the_first()
+    target = work.at(to, f"i + {rows} * {work.indices(column)}[k]" if columns > 1 else "i")
+    where = work.at(x, f"i + {rows} * {work.indices(row)}[k]")
+    loops = f"{loop('k', len(row))} {loop('i', rows)}"
+    work.write(f"{loops} {target} += {where} * {work.at(y, 'k')};")
 
 
 def _sparse_right_unrolled(
-    work: Workspace, step: Step, rows: int, columns: int, entries: list[tuple[int, int]]
-) -> list[str]:
+    work: Workspace, rows: int, columns: int, row: list[int], column: list[int]
+) -> None:
     """Write z + x y with few nonzeros in y: each column of the result is one sum of columns of
     x.
     """
-    _, x, y = step.inputs
-    at = work.memory.at
-    to, lines, zero = _begun(work, step)
-    for column in range(columns):
-        target = at(to, shifted("i", rows * column))
+    _, x, y = work.inputs
+    at = work.at
+    to, zero = _begun(work)
+    for c in range(columns):
+        target = at(to, shifted("i", rows * c))
         terms = [
-            f"{at(x, shifted('i', rows * row))} * {at(y, number)}"
-            for number, (row, position) in enumerate(entries)
-            if position == column
+            f"{at(x, shifted('i', rows * r))} * {at(y, number)}"
+            for number, r in enumerate(row)
+            if column[number] == c
         ]
         if terms or zero:
-            total = " + ".join(
-                [*([] if zero else [target]), *terms]
-            ) or work.memory.dialect.constant(0.0)
-            lines.append(f"  for (i = 0; i < {rows}; ++i) {target} = {total};")
-    return lines
+            total = " + ".join([*([] if zero else [target]), *terms]) or zero
+            work.write(f"{loop('i', rows)} {target} = {total};")
 
 
-def _begun(work: Workspace, step: Step) -> tuple[Value, list[str], bool]:
-    """Return the position of a sum, the lines of C that let it begin as z, and whether z is zero,
-    so that there are no such lines.
+def _begun(work: Workspace) -> tuple[Value, str]:
+    """Return the position of a sum that begins as z, and the C of zero where z is zero, so that
+    nothing is there yet.
     """
-    base = step.inputs[0]
+    base = work.inputs[0]
     if base.is_zero:
-        return work.placement.new(step.k, step.makes[0], base.size), [], True
-    return *work.placement.over_the_first(step.k), False
+        return work.new(base.size), work.dialect.constant(0.0)
+    return work.over_the_first(), ""
+
+
+def elementwise(work: Workspace) -> None:
+    """Write an operation of scalars for each element of its operands."""
+    size = int(work.node.nnz())
+    to = work.over_an_input(size)
+
+    def line(index: str | int) -> str:
+        operands = [work.at(value, 0 if value.size == 1 else index) for value in work.inputs[:2]]
+        return f"{work.at(to, index)} = {work.dialect.operation(work.operation, *operands)};"
+
+    work.for_each(size, line)
+
+
+def call(work: Workspace) -> None:
+    """Write the call of another function."""
+    called = work.node.which_function()
+    name = work.written(called, False)
+    results = []
+    for i, number in enumerate(work.makes):
+        size = int(called.nnz_out(i))
+        direct = work.flow.direct(number)
+        to = work.new(size, i) if direct is None else work.view(Value(*direct, size), i)
+        results.append(to)
+    work.call(name, [*work.inputs, *results])
+
+
+WRITERS: dict[int, Writer] = {
+    ca.OP_INPUT: argument,
+    ca.OP_CONST: constant,
+    ca.OP_CALL: call,
+    ca.OP_RESHAPE: shape,
+    ca.OP_TRANSPOSE: transpose,
+    ca.OP_GETNONZEROS: get,
+    ca.OP_SETNONZEROS: put,
+    ca.OP_ADDNONZEROS: put,
+    ca.OP_VERTCAT: join,
+    ca.OP_HORZCAT: join,
+    ca.OP_VERTSPLIT: split,
+    ca.OP_HORZSPLIT: split,
+    ca.OP_MTIMES: product,
+    ca.OP_RANK1: rank_one,
+    ca.OP_DOT: dot,
+}
+"""Writers of CasADi's operations on matrices. Every other operation is done element by element, or
+has no C.
+"""
+
+
+def write_matrices(
+    function: ca.Function, in_place: bool, dialect: Dialect, written: WriteFunction
+) -> Body:
+    """Return what a function of matrices (MX) does. The functions that it calls are written by
+    `written`.
+    """
+    flow = Dataflow(function, in_place)
+    work = Workspace(flow, dialect, written)
+    state: list[tuple[Value, Value]] = []
+    for k, operation in enumerate(flow.operations):
+        work.go_to(k)
+        if operation != ca.OP_OUTPUT:
+            WRITERS.get(operation, elementwise)(work)
+        elif work.inputs:
+            (value,) = work.inputs
+            to = work.outside("r", value.size)
+            if to.home == "state":
+                state.append((to, value))
+            elif value.home != to.home:  # a call has not put it there
+                work.copy(to, value)
+    _write_state(work, state)
+    lines = work.scratch.settled(work.lines)
+    size = work.scratch.size
+    arrays = [f"  {dialect.type} w[{size}];"] if size else []
+    return Body(lines, [*work.tables, *arrays], size)
+
+
+def _write_state(work: Workspace, state: list[tuple[Value, Value]]) -> None:
+    """Write the new state: values that are in their position stay, values that lie elsewhere in the
+    state go by way of scratch.
+    """
+    moved = list[tuple[Value, Value]]()
+    for to, value in state:
+        if value.home != "state":
+            moved.append((to, value))
+        elif value.offset != to.offset:
+            through = work.scratch.new(value.size, work.flow.end)
+            work.copy(through, value)
+            moved.append((to, through))
+    for to, value in moved:
+        work.copy(to, value)

@@ -33,7 +33,7 @@ from distal.homing import homing_filter
 from distal.inverse.feedforward import ROUNDS
 from distal.inverse.goal_gate import MotorReadings, columns_of, crossed_joints
 from distal.inverse.live_inverse import LiveModel, live_parameters
-from distal.kernels.layout import MISSING, READ
+from distal.kernels.layout import MISSING, READ, Layout
 from distal.logs import LARGEST_READING, shown
 from distal.rig import Rig, Sensor, angle_names, std_name
 from distal.run.health import HEALTH, LIMITS, Health, Watch
@@ -86,7 +86,7 @@ def in_c(value: object, real: Dialect) -> str:
     if isinstance(value, (int, np.integer)):
         return str(int(value))
     if isinstance(value, Iterable):
-        items = np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
+        items = value.tolist() if isinstance(value, np.ndarray) else value
         return ", ".join(
             f"{{{in_c(item, real)}}}" if isinstance(item, (list, tuple)) else in_c(item, real)
             for item in items
@@ -218,77 +218,26 @@ def spoken() -> list[Health]:
     return words[: words.index("restarted") + 1]
 
 
-def health_codes(name: str) -> str:
-    """Return the members of the C enumeration of the words of `spoken`."""
-    return ",\n".join(
-        f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken())
-    )
-
-
-def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> dict[str, object]:
-    """Return the C code of an estimator's health and the size of its memory, as blanks of the
-    header's and source's templates.
-
-    Args:
-        name: prefix of the C names.
-        emitter: writer of C functions, to which the health's function is added.
-    """
+def health_blanks(estimator: KernelEstimator, emitter: Emitter) -> dict[str, object]:
+    """Return the blanks of an estimator's health, whose function is added to an emitter."""
     watch = Watch.of(estimator)
-    values: dict[str, object] = {
-        "name": name,
-        "real": emitter.dialect.type,
+    return {
         "check": emitter.add(watch.function()),
         "begun": watch.begun(),
+        "n_memory": watch.memory.size,
         "n_sample": watch.sample.size,
         "n_findings": watch.findings.size,
-        "n": len(estimator.state_names),
         "watched": watch.watched or [0],  # a list without members is not C
         "n_watched": len(watch.watched),
         "stds": [f"out->{field.std}" for field in fields_of(estimator) if field.unit == "rad"],
         "touched": largest(f"sample[{watch.sample['touched'].start}]", "state", estimator.touched),
-        **{f"at_{part}": watch.sample[part].start for part in watch.sample.names},
+        **positions("at", watch.sample),
     }
-    text = filled(_HEALTH_SOURCE, values, emitter.dialect)
-    return {"watching": text, "n_memory": watch.memory.size}
 
 
-_HEALTH_SOURCE = """\
-void $name$_watch_begin($name$_watch* watch) {
-  static const $real$ begun[] = {$begun$};
-  memcpy(watch->memory, begun, sizeof begun);
-  watch->begun = 0;
-}
-
-int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, const $real$* values,
-                  const $name$_output* out) {
-  static const unsigned char watched[] = {$watched$};
-  const $real$ stds[] = {$stds$};
-  $real$ memory[sizeof watch->memory / sizeof *watch->memory];
-  $real$ sample[$n_sample$], findings[$n_findings$];
-  int i;
-  sample[$at_first$] = watch->begun ? 0 : 1;
-  sample[$at_dt$] = dt;
-  for (i = 0; i < $NAME$_CHANNELS; ++i) {
-    sample[$at_values$ + i] = is_there(values[i]) ? values[i] : 0;
-    sample[$at_mask$ + i] = is_there(values[i]) ? 1 : 0;
-  }
-  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i) sample[$at_stds$ + i] = stds[i];
-  for (i = 0; i < $NAME$_MEASURED; ++i) {
-    sample[$at_compared$ + i] = is_there(out->innovations[i]) ? 1 : 0;
-    sample[$at_innovations$ + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0;
-    sample[$at_variances$ + i] = out->innovation_variances[i];
-  }
-  for (i = 0; i < $n_watched$; ++i) { /* numbers of the rig */
-    sample[$at_watched$ + i] = state->kernel_state[watched[i]];
-    sample[$at_watched_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
-  }
-$touched$
-  $check$(watch->memory, sample, memory, findings);
-  memcpy(watch->memory, memory, sizeof memory);
-  watch->begun = 1;
-  return (int)findings[0];
-}
-"""
+def positions(letters: str, layout: Layout) -> dict[str, object]:
+    """Return the blanks ``letters_part``: where the parts of a vector begin."""
+    return {f"{letters}_{part}": layout[part].start for part in layout.names}
 
 
 @dataclass(frozen=True)
@@ -361,12 +310,14 @@ def c_filter(
     begin = emitter.add(prior)
     advance = emitter.add(chosen.kernel.function, in_place=True)
     scratch = sum(written.scratch for written in emitter.functions.values())
-    watching = health_source(chosen, name, emitter)
+    health = health_blanks(chosen, emitter)
     n = len(chosen.state_names)
     m = len(chosen.measured)
     units = (f" [{unit}]" * bool(unit) for unit in state_units(chosen))
     # the prior's spread is a covariance, or its diagonal only
     is_dense = prior.numel_out(1) > n
+    of_state = f"state->kernel_state[{n} + i * ({n} + 1)]"
+    diagonal = f"  for (i = 0; i < {n}; ++i) {of_state} = spread[i];\n"
     values = shared_blanks(name, rig, emitter) | {
         "estimator": chosen.name,
         "channels": numbered(sensor_texts(sensors_of(chosen))),
@@ -374,6 +325,7 @@ def c_filter(
         "measured": numbered(chosen.measured),
         "which": [chosen.channels.index(channel) for channel in chosen.measured] or [0],
         "n_channels": len(chosen.channels),
+        "n": n,
         "n_states": n,
         "n_measured": m,
         "n_innovations": max(m, 1),
@@ -384,7 +336,9 @@ def c_filter(
         "n_joints": len(rig.joints),
         "reach": [joint.travel for joint in rig.joints],
         "anywhere": LIMITS.anywhere**2,
-        "health": health_codes(name),
+        "health": ",\n".join(
+            f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken())
+        ),
         "outputs": members(fields_of(chosen), name),
         "angles": outputs(chosen),
         "numbers": chosen.parameters,
@@ -399,11 +353,11 @@ def c_filter(
         "read": READ,
         "missing": MISSING,
         "slack": 1e-5 if single else 1e-9,
-        "nan": float("nan"),
+        "nan": np.nan,
         "sqrt": "sqrtf" if single else "sqrt",
         "spread": f"*spread = state->kernel_state + {n}" if is_dense else f"spread[{n}]",
-        "diagonal": "" if is_dense else filled(_DIAGONAL, {"n": n}),
-        **watching,
+        "diagonal": "" if is_dense else diagonal,
+        **health,
     }
     return Exported(
         name,
@@ -447,10 +401,6 @@ def outputs(estimator: KernelEstimator, stepped: bool = True) -> str:
         ]
     return "\n".join(lines)
 
-
-_DIAGONAL = """\
-  for (i = 0; i < $n$; ++i) state->kernel_state[$n$ + i * ($n$ + 1)] = spread[i];
-"""
 
 _HEADER = """\
 /* $name$.h: `$estimator$` for the rig "$rig$"
@@ -640,7 +590,42 @@ $angles$
   return $NAME$_OK;
 }
 
-$watching$"""
+void $name$_watch_begin($name$_watch* watch) {
+  static const $real$ begun[] = {$begun$};
+  memcpy(watch->memory, begun, sizeof begun);
+  watch->begun = 0;
+}
+
+int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, const $real$* values,
+                  const $name$_output* out) {
+  static const unsigned char watched[] = {$watched$};
+  const $real$ stds[] = {$stds$};
+  $real$ memory[sizeof watch->memory / sizeof *watch->memory];
+  $real$ sample[$n_sample$], findings[$n_findings$];
+  int i;
+  sample[$at_first$] = watch->begun ? 0 : 1;
+  sample[$at_dt$] = dt;
+  for (i = 0; i < $NAME$_CHANNELS; ++i) {
+    sample[$at_values$ + i] = is_there(values[i]) ? values[i] : 0;
+    sample[$at_mask$ + i] = is_there(values[i]) ? 1 : 0;
+  }
+  for (i = 0; i < (int)(sizeof stds / sizeof *stds); ++i) sample[$at_stds$ + i] = stds[i];
+  for (i = 0; i < $NAME$_MEASURED; ++i) {
+    sample[$at_compared$ + i] = is_there(out->innovations[i]) ? 1 : 0;
+    sample[$at_innovations$ + i] = is_there(out->innovations[i]) ? out->innovations[i] : 0;
+    sample[$at_variances$ + i] = out->innovation_variances[i];
+  }
+  for (i = 0; i < $n_watched$; ++i) { /* numbers of the rig */
+    sample[$at_watched$ + i] = state->kernel_state[watched[i]];
+    sample[$at_watched_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
+  }
+$touched$
+  $check$(watch->memory, sample, memory, findings);
+  memcpy(watch->memory, memory, sizeof memory);
+  watch->begun = 1;
+  return (int)findings[0];
+}
+"""
 
 
 @dataclass(frozen=True)
@@ -683,7 +668,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     )
     values = shared_blanks(checked_name(name), rig, emitter) | {
         "filter": filter_name,
-        "joints": numbered(f"{rig.joints[j].name} [rad]" for j in model.free),
+        "joints": numbered(f"{rig.joint_names[j]} [rad]" for j in model.free),
         "drives": numbered(rig.drive_names),
         "n_joints": model.nf,
         "n_drives": model.nd,
@@ -704,9 +689,9 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "together": together.tolist(),
         "first": ROUNDS,
         "advance": advance,
-        **{f"c_{part}": layout.kernel_state[part].start for part in layout.kernel_state.names},
-        **{f"x_{part}": layout.x[part].start for part in layout.x.names},
-        **{f"y_{part}": layout.y[part].start for part in layout.y.names},
+        **positions("c", layout.kernel_state),
+        **positions("x", layout.x),
+        **positions("y", layout.y),
     }
     return ExportedCommand(
         name,

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import platform
-import sys
 import tempfile
 import uuid
 import zipfile
@@ -37,6 +36,7 @@ from distal.export.c_source import (
 from distal.kernels import find_compiler
 from distal.kernels.compiler import SWITCHED_OFF, CompileError, run_compiler, zig_compiler
 from distal.logs import LARGEST_READING, check_outputs, outputs_in, write_together, write_whole
+from distal.logs.outputs import as_output_error
 from distal.rig import Rig, check_scales
 from distal.run.health import HEALTH
 from distal.units import base_powers
@@ -84,40 +84,27 @@ def export_c(
     """
     folder = Path(out)
     exported = c_filter(rig, estimator, single, name, home)
-    if command and exported.estimator.name != "adaptive":
-        raise ExportError(
-            f"commands are by the state of adaptive, {exported.estimator.name} has another; leave "
-            "command out"
-        )
     texts = exported.files
     if command:
+        if exported.estimator.name != "adaptive":
+            raise ExportError(
+                f"commands are by the state of adaptive, {exported.estimator.name} has another; "
+                "leave command out"
+            )
         check_scales(rig, "a command in C that keeps tendons taut", "tension")
         texts |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
     files = {f"src/{file}" if arduino else file: text for file, text in texts.items()}
     if arduino and not (folder / PROPERTIES).is_file():
         values = {"name": exported.name, "short": exported.name[:63], "rig": comment(rig.name)}
         files[PROPERTIES] = filled(_PROPERTIES, values)
-    write_files(folder, files | {"README.md": readme(exported)})
-    return exported
-
-
-def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write files to a folder, all or none; missing folders are made.
-
-    Args:
-        files: path below the folder → text.
-
-    Raises:
-        OutputError: the folder cannot be written, or has a file that no export wrote.
-    """
+    files["README.md"] = readme(exported)
     check_outputs(outputs_in(folder, files, "the export"))
     check_ours(folder, files)
-    try:
+    with as_output_error(folder):
         for file in files:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputError(f"{folder}: cannot be written ({problem.strerror})") from None
     write_together({folder / file: text for file, text in files.items()})
+    return exported
 
 
 def export_files(name: str, command: bool = False, arduino: bool = False) -> tuple[str, ...]:
@@ -254,7 +241,7 @@ def this_platform() -> str:
     """Return FMI's name of the platform on which this program runs."""
     machine = platform.machine().lower()
     architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
-    return f"{architecture}-{ {'win32': 'windows'}.get(sys.platform, sys.platform) }"
+    return f"{architecture}-{platform.system().lower()}"
 
 
 def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str, bytes], str]:
@@ -394,15 +381,26 @@ def _description(exported: Exported, token: str) -> str:
     """
     estimator = exported.estimator
     channels = estimator.channels
-    variables: list[tuple[str, str, str, str, dict[str, str]]] = []
-    for sensor in sensors_of(estimator):
-        meaning = f"{sensor.measures} of {sensor.of}; NaN where missing"
-        variables.append((sensor.name, sensor.si, meaning, "input", {"start": "NaN"}))
+    variables: dict[str, dict[str, str]] = {
+        sensor.name: {
+            "causality": "input",
+            "unit": sensor.si,
+            "description": f"{sensor.measures} of {sensor.of}; NaN where missing",
+            "variability": "continuous",
+            "start": "NaN",
+        }
+        for sensor in sensors_of(estimator)
+    }
     for field in exported.fields:
         std = f"standard deviation of the error of the {field.meaning}"
-        for name, text in ((field.name, field.meaning), (field.std, std)):
-            variables.append((_free(name, channels), field.unit, text, "output", {}))
-    units = dict.fromkeys(["s", *(unit for _, unit, _, _, _ in variables)])
+        for name, meaning in ((field.name, field.meaning), (field.std, std)):
+            variables[_free(name, channels)] = {
+                "causality": "output",
+                "unit": field.unit,
+                "description": meaning,
+                "variability": "discrete",
+            }
+    units = dict.fromkeys(["s", *(attributes["unit"] for attributes in variables.values())])
     words = [*((word, HEALTH[word]) for word in spoken()), ("not_yet", _NOT_YET)]
     count = len(variables) + 1
     values = {
@@ -423,17 +421,8 @@ def _description(exported: Exported, token: str) -> str:
             for code, (word, meaning) in enumerate(words)
         ),
         "variables": "\n".join(
-            _element(
-                "Float64",
-                name=name,
-                valueReference=i,
-                causality=causality,
-                unit=unit,
-                description=meaning,
-                variability="continuous" if causality == "input" else "discrete",
-                **more,
-            )
-            for i, (name, unit, meaning, causality, more) in enumerate(variables, 1)
+            _element("Float64", name=name, valueReference=i, **attributes)
+            for i, (name, attributes) in enumerate(variables.items(), 1)
         ),
         "structure": "".join(
             _element(kind, valueReference=i)

@@ -157,6 +157,11 @@ def source_stamp() -> str:
     return digest(*(path.read_bytes() for path in files))
 
 
+def sizes_of(function: ca.Function) -> Sizes:
+    """Return the lengths of the kernel state, x, p and y of a function of these."""
+    return Sizes._make([*(function.numel_in(i) for i in range(3)), function.numel_out(1)])
+
+
 _MAKING = RLock()  # CasADi does not count its symbols safely over threads
 
 
@@ -178,19 +183,6 @@ class Recipe:
         """The CasADi function, made at the first call."""
         with _MAKING:
             return self._make()
-
-    def written(self, source: Callable[[ca.Function], str]) -> str:
-        """Return the C that `source` writes of the function."""
-        function = self.function
-        with _MAKING:
-            return source(function)
-
-    @property
-    def sizes(self) -> Sizes:
-        """The lengths of the kernel state, x, p and y."""
-        function = self.function
-        inputs = (function.numel_in(i) for i in range(3))
-        return Sizes._make([*inputs, function.numel_out(1)])
 
 
 def cache_folder() -> Path:
@@ -250,22 +242,18 @@ def digest(*parts: str | bytes) -> str:
     return sha.hexdigest()
 
 
-NOT_NOTED = Sizes(0, 0, 0, 0)
-"""Sizes of a kernel that is found by its C. Source: definition (none)."""
-
-
 @dataclass(frozen=True)
 class Library:
     """A shared library with a kernel.
 
     Args:
-        name: of the kernel's function.
-        sizes: lengths of its kernel state, x, p and y; zero where they are not noted.
+        name: of the kernel's function; empty for one that is found by its C.
+        sizes: lengths of its kernel state, x, p and y; zero for one that is found by its C.
     """
 
     path: Path
-    name: str = ""
-    sizes: Sizes = NOT_NOTED
+    name: str
+    sizes: Sizes
 
 
 class Cache:
@@ -287,34 +275,34 @@ class Cache:
             return None
 
     @contextmanager
-    def alone(self, key: str) -> Iterator[None]:
-        """Let one process at a time build what is kept under `key`; the others wait.
+    def alone(self, key: str) -> Iterator[Path]:
+        """Let one process at a time build what is kept under `key`; the others wait. What is built
+        in the temporary folder that is given can be moved into the cache in one operation.
 
         Raises:
-            OSError: the cache cannot be written.
+            CompileError: the cache cannot be written; the message says why in one line.
         """
-        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        lock = self.folder / f"{key}.lock"
-        with lock.open("w") as file:
-            with suppress(OSError):  # a file system without locks: each process builds its own
-                fcntl.flock(file, fcntl.LOCK_EX)
-            yield
-            # processes that wait for this file, or come later, find the library
-            lock.unlink(missing_ok=True)
-
-    def work_folder(self) -> tempfile.TemporaryDirectory[str]:
-        """Return a temporary folder inside the cache; what is built in it can be moved into the
-        cache in one operation.
-
-        Raises:
-            OSError: the cache cannot be written.
-        """
-        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return tempfile.TemporaryDirectory(dir=self.folder, prefix="build-")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            lock = self.folder / f"{key}.lock"
+            with (
+                lock.open("w") as file,
+                tempfile.TemporaryDirectory(dir=self.folder, prefix="build-") as folder,
+            ):
+                with suppress(OSError):  # a file system without locks: each process builds its own
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                yield Path(folder)
+                # processes that wait for this file, or come later, find the library
+                lock.unlink(missing_ok=True)
+        except OSError as problem:
+            reason = problem.strerror or str(problem)
+            raise CompileError(
+                f"the cache {self.folder} cannot be written ({reason}); set DISTAL_CACHE"
+            ) from None
 
     def keep(self, key: str, built: Path) -> Library:
-        """Move a library that was `built` in a `work_folder` into the cache, and return it from
-        there.
+        """Move a library that was `built` in the folder of `alone` into the cache, and return it
+        from there.
 
         Library and note are each renamed, the note last, so that a reader sees both or none.
 
@@ -322,13 +310,15 @@ class Cache:
             OSError: the cache cannot be written.
         """
         fingerprint = digest(built.read_bytes())
-        library = Library(self.folder / f"{key}-{fingerprint[:16]}.so")
-        os.replace(built, library.path)
-        self.note(key, library)
+        path = self.folder / f"{key}-{fingerprint[:16]}.so"
+        library = Library(path, "", Sizes(0, 0, 0, 0))
+        os.replace(built, path)
+        self.note(key, library, built.parent)
         return library
 
-    def note(self, key: str, library: Library) -> None:
-        """Write the note that a library of this folder is kept under `key`.
+    def note(self, key: str, library: Library, folder: Path) -> None:
+        """Write the note that a library of the cache is kept under `key`, by way of the folder of
+        `alone`.
 
         Raises:
             OSError: the cache cannot be written.
@@ -339,10 +329,9 @@ class Cache:
             "name": library.name,
             "sizes": library.sizes,
         }
-        with self.work_folder() as folder:
-            written = Path(folder) / "note.json"
-            written.write_text(json.dumps(note), encoding="utf-8")
-            os.replace(written, self.folder / f"{key}.json")
+        written = folder / "note.json"
+        written.write_text(json.dumps(note), encoding="utf-8")
+        os.replace(written, self.folder / f"{key}.json")
 
 
 # with 512-bit vectors GCC 12 makes wrong code of some filters: a covariance is no longer symmetric
@@ -422,10 +411,6 @@ class CompileError(Exception):
     """A kernel could not be compiled; the message says why in one line."""
 
 
-class UnwantedError(CompileError):
-    """Kernels are not compiled because the user does not want it."""
-
-
 @dataclass(frozen=True)
 class Compiler:
     """A C compiler: its command and the first line of its ``--version``."""
@@ -466,9 +451,9 @@ def c_source(function: ca.Function) -> str:
 
 
 @lru_cache(maxsize=64)
-def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: int) -> str:
+def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str) -> str:
     """Return the C of a kernel and of a loop over its samples. The `loop` is a template with the
-    kernel's name and sizes in braces.
+    kernel's name and sizes, and the fields of the dialect, in braces.
 
     Raises:
         CompileError: the function has an operation that has no C here.
@@ -478,8 +463,8 @@ def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: i
         name = emitter.add(function)
     except CodeError as problem:
         raise CompileError(str(problem)) from None
-    sizes |= {size: function.numel_in(i) for i, size in enumerate(("n_kernel_state", "n_x", "n_p"))}
-    loop = loop.format(name=name, n_y=function.numel_out(1), **sizes)
+    sizes = {f"n_{part}": size for part, size in sizes_of(function)._asdict().items()}
+    loop = loop.format(name=name, **sizes, **vars(dialect))
     return f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"
 
 
@@ -499,22 +484,23 @@ def library_of(
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    library = _kept(recipe, form, level)
+    if recipe.structure is None:
+        return _built(recipe, source, level)
+    cache = _own_cache()
+    key = _key(recipe.structure.key, form, level, os.environ.get("DISTAL_COMPILE", ""))
+    library = cache.find(key)
     if library is None:
-        path = compiled_source(recipe.written(source), level)
-        library = Library(path, recipe.function.name(), recipe.sizes)
-        if recipe.structure is not None:
-            cache = _own_cache()
-            with _written(cache):
-                cache.note(_kept_as(recipe.structure, form, level), library)
+        library = _built(recipe, source, level)
+        with cache.alone(key) as folder:
+            cache.note(key, library, folder)
     return library
 
 
-def _kept(recipe: Recipe, form: str, level: str) -> Library | None:
-    """Return the library of a recipe that is in the cache."""
-    if recipe.structure is None:
-        return None
-    return _own_cache().find(_kept_as(recipe.structure, form, level))
+def _built(recipe: Recipe, source: Callable[[ca.Function], str], level: str) -> Library:
+    function = recipe.function
+    with _MAKING:
+        text = source(function)
+    return Library(compiled_source(text, level), function.name(), sizes_of(function))
 
 
 def compiled_source(source: str, level: str = OPTIMISED) -> Path:
@@ -533,20 +519,20 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     library = cache.find(key)
     if library is not None:
         return library.path
-    with _written(cache), cache.alone(key):
+    with cache.alone(key) as folder:
         library = cache.find(key)  # another process may have built it meanwhile
         if library is None:
-            with cache.work_folder() as folder:
-                library = cache.keep(key, _build(source, level, Path(folder)))
+            code = folder / "kernel.c"
+            built = folder / "kernel.so"
+            code.write_text(source, encoding="utf-8")
+            command = [*needed_compiler().command, level, *FLAGS, str(code), "-o", str(built)]
+            run_compiler([*command, "-lm"])
+            library = cache.keep(key, built)
         return library.path
 
 
-def _kept_as(structure: Structure, form: str, level: str) -> str:
-    return _key(structure.key, form, level, os.environ.get("DISTAL_COMPILE", ""))
-
-
 def _key(*parts: str) -> str:
-    compiler = _needed_compiler()
+    compiler = needed_compiler()
     command = " ".join(compiler.command)
     return digest(*parts, compiler.version, command, " ".join(FLAGS), cpu(), ca.__version__)
 
@@ -562,31 +548,16 @@ def _own_cache() -> Cache:
     return cache
 
 
-@contextmanager
-def _written(cache: Cache) -> Iterator[None]:
-    """Raise a CompileError that says in one line why a cache could not be written."""
-    try:
-        yield
-    except OSError as problem:
-        reason = problem.strerror or str(problem)
-        raise CompileError(
-            f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE"
-        ) from None
+def needed_compiler() -> Compiler:
+    """Return the C compiler.
 
-
-def _needed_compiler() -> Compiler:
+    Raises:
+        CompileError: there is none, or it is `SWITCHED_OFF`.
+    """
     compiler = find_compiler()
     if isinstance(compiler, str):
-        raise (UnwantedError if compiler == SWITCHED_OFF else CompileError)(compiler)
+        raise CompileError(compiler)
     return compiler
-
-
-def _build(source: str, level: str, folder: Path) -> Path:
-    code = folder / "kernel.c"
-    library = folder / "kernel.so"
-    code.write_text(source, encoding="utf-8")
-    run_compiler([*_needed_compiler().command, level, *FLAGS, str(code), "-o", str(library), "-lm"])
-    return library
 
 
 def run_compiler(command: Sequence[str], folder: str | Path = ".") -> str:

@@ -37,26 +37,27 @@ from numpy.typing import NDArray
 from distal.arrays import Floats
 from distal.codegen import Lanes
 from distal.errors import KernelWarning
-from distal.expressions import MatrixNode, VectorNode
+from distal.expressions import VectorNode
 from distal.kernels.compiler import (
     OPTIMISED,
     OPTIMISED_LANES,
     QUICK,
+    SWITCHED_OFF,
     CompileError,
     Recipe,
     Structure,
-    UnwantedError,
     c_source,
     cpu,
     emitted,
-    find_compiler,
     library_of,
     loaded,
+    needed_compiler,
+    sizes_of,
 )
 from distal.kernels.layout import Advanced, Feed, Sizes
 
 _BATCH = """
-/* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run
+/* {count} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run
  * that ended rests */
 void {name}_batch(const long long* rows, const double* const* kernel_state, const double* const* x,
                   const double* const* p,
@@ -64,7 +65,7 @@ void {name}_batch(const long long* rows, const double* const* kernel_state, cons
   V c[2][{n_kernel_state}], sample[{n_x}], numbers[{n_p}], out[{n_y}];
   long long k, most = 0, i;
   int l;
-  for (l = 0; l < {lanes}; ++l) {{
+  for (l = 0; l < {count}; ++l) {{
     for (i = 0; i < {n_kernel_state}; ++i) c[0][i][l] = kernel_state[l][i];
     for (i = 0; i < {n_p}; ++i) numbers[i][l] = p[l][i];
     if (rows[l] > most) most = rows[l];
@@ -72,12 +73,12 @@ void {name}_batch(const long long* rows, const double* const* kernel_state, cons
   for (k = 0; k < most; ++k) {{
     const V* now = c[k & 1];
     V* next = c[~k & 1];
-    for (l = 0; l < {lanes}; ++l) {{
+    for (l = 0; l < {count}; ++l) {{
       const double* row = x[l] + k * {n_x};
       for (i = 0; i < {n_x}; ++i) sample[i][l] = k < rows[l] ? row[i] : 0.0;
     }}
     {name}(now, sample, numbers, next, out);
-    for (l = 0; l < {lanes}; ++l) {{
+    for (l = 0; l < {count}; ++l) {{
       if (k >= rows[l]) continue;
       for (i = 0; i < n_keep; ++i) kept[l][k * n_keep + i] = next[keep[i]][l];
       for (i = 0; i < {n_y}; ++i) y[l][k * {n_y} + i] = out[i][l];
@@ -85,7 +86,7 @@ void {name}_batch(const long long* rows, const double* const* kernel_state, cons
   }}
 }}
 
-/* one sample of groups of {lanes} runs each, whose kernel states are changed in place */
+/* one sample of groups of {count} runs each, whose kernel states are changed in place */
 void {name}_step(long long groups, V* kernel_state, const V* x, const V* p, V* y) {{
   V next[{n_kernel_state}];
   long long g, i;
@@ -109,8 +110,7 @@ def lanes_here() -> int:
 
 
 def _source(function: ca.Function) -> str:
-    lanes = lanes_here()
-    return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
+    return emitted(function, Lanes(lanes_here()), _BATCH)
 
 
 class LaneKernel:
@@ -184,14 +184,14 @@ AT_ONCE = 1 << 20
 judgement.
 """
 
-Backend = Literal["compiled", "interpreted"]
-
 Compiled = bool | Literal["lanes", "quick"]
 """How a kernel is compiled: where possible, or never; only for several runs at once; or in a third
 of the time, to run half as fast.
 """
 
 _warned: set[str] = set()
+"""Why kernels are interpreted, as far as a warning has said it in this process."""
+
 _building = threading.Lock()
 
 
@@ -207,28 +207,29 @@ class Kernel:
 
     def __init__(self, function: ca.Function | Recipe, compiled: Compiled = True) -> None:
         self._recipe = Recipe(lambda: function) if isinstance(function, ca.Function) else function
-        self.backend: Backend = "interpreted"
+        self.backend: Literal["compiled", "interpreted"] = "interpreted"
         self.reason = "asked for"
         self._scan: Callable[..., None] | None = None
         self._compiled = compiled
-        self._sizes: Sizes | None = None
         self._external: ca.Function | None = None
         if compiled is True or compiled == "quick":
+            level = QUICK if compiled == "quick" else OPTIMISED
             try:
-                self._external = self._load(QUICK if compiled == "quick" else OPTIMISED)
+                library = library_of(self._recipe, "scan", c_source, level)
+                self._scan = loaded(library, "scan", [ctypes.c_longlong, *5 * [ctypes.c_void_p]])
+                self._external = ca.external(f"{library.name}_kernel", str(library.path))
+                self.sizes = library.sizes
+                self.backend = "compiled"
+                self.reason = needed_compiler().version
             except CompileError as problem:
                 self.reason = str(problem)
-                if not isinstance(problem, UnwantedError):
-                    _warn(self.reason)
-
-    def _load(self, level: str) -> ca.Function:
-        library = library_of(self._recipe, "scan", c_source, level)
-        self._scan = loaded(library, "scan", [ctypes.c_longlong, *5 * [ctypes.c_void_p]])
-        self._sizes = library.sizes
-        compiler = find_compiler()
-        self.backend = "compiled"
-        self.reason = compiler if isinstance(compiler, str) else compiler.version
-        return ca.external(f"{library.name}_kernel", str(library.path))
+                if self.reason not in (SWITCHED_OFF, *_warned):
+                    _warned.add(self.reason)
+                    warnings.warn(
+                        f"kernels are interpreted, about 15 times slower: {self.reason}",
+                        KernelWarning,
+                        stacklevel=3,
+                    )
 
     @property
     def function(self) -> ca.Function:
@@ -238,11 +239,11 @@ class Kernel:
     @cached_property
     def sizes(self) -> Sizes:
         """The lengths of the kernel state, x, p and y."""
-        return self._recipe.sizes if self._sizes is None else self._sizes
+        return sizes_of(self.function)
 
     def scan(
         self, kernel_state: Floats, xs: Floats, p: Floats, keep: Sequence[int] | None = None
-    ) -> tuple[Floats, Floats]:
+    ) -> Advanced:
         """Return the kernel states after each sample of a log, (n, n_kernel_state), and the
         outputs, (n, n_y).
 
@@ -262,27 +263,26 @@ class Kernel:
                 states, ys[part] = self.scan(start, rows[part], parameters)
                 columns[part] = states[:, list(keep)]
                 start = states[-1]
-            return columns, ys
+            return Advanced(columns, ys)
         kernel_states = np.empty((len(rows), self.sizes.kernel_state))
         if self._scan is not None:
             arrays = (*feed, kernel_states, ys)
             self._scan(len(rows), *(array.ctypes.data for array in arrays))
-            return kernel_states, ys
-        loop = self.loop(parameters)
-        loop.kernel_state[:] = start
-        for k, x in enumerate(rows):
-            loop.x[:] = x
-            loop.step()
-            kernel_states[k] = loop.kernel_state
-            ys[k] = loop.y
-        return kernel_states, ys
+        else:
+            loop = self.loop(parameters)
+            loop.kernel_state[:] = start
+            for k, x in enumerate(rows):
+                loop.x[:] = x
+                loop.step()
+                kernel_states[k] = loop.kernel_state
+                ys[k] = loop.y
+        return Advanced(kernel_states, ys)
 
     def loop(self, p: Floats) -> Loop:
         """Return this kernel with a kernel state of its own, to be called for one sample after the
         other.
         """
-        call = self.function if self._external is None else self._external
-        return Loop(call, np.array(p, dtype=np.float64).reshape(self.sizes.p))
+        return Loop(self.function if self._external is None else self._external, p)
 
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, or None where it cannot be built. It is
@@ -313,18 +313,22 @@ class Evaluation:
     """
 
     def __init__(self, function: ca.Function) -> None:
-        self._arguments = [np.zeros(int(function.numel_in(i))) for i in range(function.n_in())]
-        self._outputs = [np.zeros(int(function.numel_out(i))) for i in range(function.n_out())]
-        self._trigger, self._buffer = _attached(function, self._arguments, self._outputs)
+        self.arguments = [np.zeros(int(function.numel_in(i))) for i in range(function.n_in())]
+        self.outputs = [np.zeros(int(function.numel_out(i))) for i in range(function.n_out())]
+        self._buffer, self.run = function.buffer()
+        for i, array in enumerate(self.arguments):
+            self._buffer.set_arg(i, array.data)
+        for i, array in enumerate(self.outputs):
+            self._buffer.set_res(i, array.data)
         self._lock = threading.Lock()
 
     def __call__(self, *arguments: object) -> list[Floats]:
         """Return the outputs, each as a column. Each argument has as many numbers as its input."""
         with self._lock:
-            for array, argument in zip(self._arguments, arguments):
+            for array, argument in zip(self.arguments, arguments):
                 array[:] = argument  # type: ignore[call-overload]
-            self._trigger()
-            return [array.copy() for array in self._outputs]
+            self.run()
+            return [array.copy() for array in self.outputs]
 
 
 class Loop:
@@ -333,43 +337,15 @@ class Loop:
     """
 
     def __init__(self, call: ca.Function, p: Floats) -> None:
-        self.kernel_state = np.zeros(call.numel_in(0))
-        self.x = np.zeros(call.numel_in(1))
-        self.parameters = p
-        self._next = np.zeros(call.numel_out(0))
-        self.y = np.zeros(call.numel_out(1))
-        self._trigger, self._buffer = _attached(
-            call, (self.kernel_state, self.x, self.parameters), (self._next, self.y)
-        )
+        self._call = Evaluation(call)
+        self.kernel_state, self.x, self.parameters = self._call.arguments
+        self._next, self.y = self._call.outputs
+        self.parameters[:] = np.reshape(p, self.parameters.size)
 
     def step(self) -> None:
         """Advance the kernel state by the sample `x`, and set `y`."""
-        self._trigger()
+        self._call.run()
         self.kernel_state[:] = self._next
-
-
-def _attached(
-    function: ca.Function, arguments: Sequence[Floats], outputs: Sequence[Floats]
-) -> tuple[Callable[[], None], object]:
-    """Return a function that evaluates `function` from and into arrays, and the buffer that must
-    live as long.
-    """
-    buffer, trigger = function.buffer()
-    for i, array in enumerate(arguments):
-        buffer.set_arg(i, array.data)
-    for i, array in enumerate(outputs):
-        buffer.set_res(i, array.data)
-    return trigger, buffer
-
-
-def _warn(reason: str) -> None:
-    """Warn, once per reason and process, that kernels are interpreted."""
-    if reason in _warned:
-        return
-    _warned.add(reason)
-    warnings.warn(
-        f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4
-    )
 
 
 _TURNS = RLock()
@@ -429,17 +405,6 @@ def _kept(key: tuple[object, ...], make: Callable[[], Made]) -> Made:
 Indices = NDArray[np.intp]
 
 
-def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
-    """Return a vector of length `size` with the numbers of the `parts` at their `positions`, and
-    zero elsewhere.
-    """
-    order = np.concatenate(positions)
-    sources = np.full(size, len(order))
-    sources[order] = np.arange(len(order))
-    joined: VectorNode = ca.vertcat(*parts, 0.0)
-    return ca.vec(joined[sources.tolist()])  # of no numbers a column, not a row, of length 0
-
-
 @dataclass(frozen=True)
 class PlacedKernel:
     """The function (kernel_state, x, p) → (kernel_state⁺, y) of a part, and the indices that the
@@ -472,7 +437,11 @@ def side_by_side(
         after, y = part.function(kernel_state[states], x[part.x.tolist()], p[part.p.tolist()])
         following[states] = after
         outputs.append(y)
-    y = placed(outputs, [part.y for part in parts], sizes[3])
+    order = np.concatenate([part.y for part in parts])
+    sources = np.full(sizes[3], len(order))
+    sources[order] = np.arange(len(order))
+    sorted_y = ca.vertcat(*outputs, 0.0)[sources.tolist()]
+    y = ca.vec(sorted_y)  # of no numbers a column, not a row, of length 0
     return ca.Function(name, [kernel_state, x, p], [following, y])
 
 
@@ -524,7 +493,7 @@ def in_order(
 
 def advance(kernel: Kernel, feed: Feed, keep: Sequence[int] | None = None) -> Advanced:
     """Return the kernel states and outputs of a kernel in one run; see `advance_all` for `keep`."""
-    return Advanced(*kernel.scan(*feed, keep))
+    return kernel.scan(*feed, keep)
 
 
 def advance_all(

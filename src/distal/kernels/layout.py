@@ -9,6 +9,7 @@ instead.
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import accumulate, pairwise
 from math import prod
 from typing import NamedTuple, TypeVar
 
@@ -34,9 +35,9 @@ class Layout:
         self._shapes = {
             name: (part,) if isinstance(part, int) else part for name, part in parts.items()
         }
-        ends = np.cumsum([0, *(prod(shape) for shape in self._shapes.values())])
-        self._slices = {name: slice(int(a), int(b)) for name, a, b in zip(parts, ends, ends[1:])}
-        self.size = int(ends[-1])
+        ends = [*accumulate(map(prod, self._shapes.values()), initial=0)]
+        self._slices = {name: slice(*pair) for name, pair in zip(parts, pairwise(ends))}
+        self.size = ends[-1]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,10 +115,7 @@ def variances_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the variances of the states, (…, n), in one `kernel_state` or several, (…, size), of a
     filter with n `states`.
     """
-    variances: NDArray[Number] = np.diagonal(
-        covariance_of(kernel_state, states), axis1=-2, axis2=-1
-    )
-    return variances
+    return covariance_of(kernel_state, states).diagonal(axis1=-2, axis2=-1)
 
 
 READ = 1.0
