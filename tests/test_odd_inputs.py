@@ -46,14 +46,6 @@ def cli(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def refused(ran: subprocess.CompletedProcess[str]) -> str:
-    assert ran.returncode == 2, ran.stderr
-    lines = ran.stderr.strip().splitlines()
-    assert len(lines) == 1, ran.stderr
-    assert lines[0].startswith("error: ")
-    return lines[0]
-
-
 @pytest.mark.parametrize(
     "assignment",
     [
@@ -101,19 +93,6 @@ def test_numpy_numbers_are_numbers(paper_rig) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
-def test_a_glitch_is_not_an_angle(log: Path, paper_rig) -> None:
-    """Values that are far from any motion: an error that says when, not 3,000,000 degrees."""
-    for column, value in (("x1", "9e6"), ("x1", "-9e6")):
-        wild = pl.col("t").is_between(0.145, 0.175)
-        frame = pl.read_csv(log).with_columns(
-            **{column: pl.when(wild).then(float(value)).otherwise(pl.col(column))}
-        )
-        rig = paper_rig.with_values({"drives.0.stops": None, **PULLEYS})
-        with pytest.raises(EstimationError, match=r"left all bounds at 0\.1"):
-            estimate(read_log(frame, rig), rig, "inextensible")
-
-
-@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 def test_a_filter_that_leaves_all_bounds_names_the_map_that_the_rig_has(
     log: Path, paper_rig
 ) -> None:
@@ -122,7 +101,7 @@ def test_a_filter_that_leaves_all_bounds_names_the_map_that_the_rig_has(
     wild = pl.col("t").is_between(0.145, 0.175)
     frame = pl.read_csv(log).with_columns(x1=pl.when(wild).then(9e6).otherwise(pl.col("x1")))
     for described, words in (
-        (rig, "largest_step$"),
+        (rig, r"left all bounds at 0\.1.*largest_step$"),
         (with_line, "or take the estimator regression"),
     ):
         with pytest.raises(EstimationError, match=words):
@@ -229,28 +208,11 @@ def test_truth_without_a_value(tmp_path: Path, log: Path, paper_rig) -> None:
         read_log(frame.with_columns(th=pl.lit(1e300)), paper_rig, truth="th")
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (GOOD.replace("2.0,1e-3", '2.0,"1e-3', 1) + "x" * 140_000, "is a quote not closed|too"),
-    ],
-)
-def test_odd_csv(tmp_path: Path, paper_rig, text: str, said: str) -> None:
-    path = tmp_path / "odd.csv"
-    path.write_text(text, newline="")
-    with pytest.raises(LogError, match=said) as caught:
-        read_log(path, paper_rig)
+def test_a_long_cell_is_no_long_message(log: Path, paper_rig) -> None:
+    log.write_text(GOOD.replace("2.0,1e-3", '2.0,"1e-3', 1) + "x" * 140_000)
+    with pytest.raises(LogError, match=r"is a quote not closed|too") as caught:
+        read_log(log, paper_rig)
     assert len(str(caught.value)) < 1200
-
-
-def test_inputs_are_not_overwritten(run, log: Path, tmp_path: Path) -> None:
-    refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", log), "is an input")
-    assert log.read_text() == GOOD
-    both = tmp_path / "both.svg"
-    refused_here(
-        run("estimate", log, "--rig", "paper-2008-printed", "--out", both, "--plot", both),
-        "asked for twice",
-    )
 
 
 def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Path) -> None:
@@ -269,20 +231,6 @@ def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Pa
             )
         )
         assert not out.exists()
-
-
-@pytest.mark.slow
-@pytest.mark.more
-def test_names_that_are_too_long(log: Path) -> None:
-    long = "x" * 400
-    for words in (
-        ("estimate", long, "--rig", "paper-2008-printed"),
-        ("estimate", log, "--rig", long),
-        ("estimate", log, "--rig", "paper-2008-printed", "--out", long),
-        ("estimate", log, "--rig", "paper-2008-printed", "--truth", long),
-        ("scenario", "show", long),
-    ):
-        refused(cli(*words))
 
 
 @pytest.mark.more
@@ -304,16 +252,6 @@ def test_odd_terminals(log: Path) -> None:
     )
     assert full.returncode != 0
     assert "Traceback" not in full.stderr
-
-
-@pytest.mark.more
-@pytest.mark.slow  # the same within this process: test_a_compiler_that_is_no_command
-def test_odd_compilers(log: Path, tmp_path: Path) -> None:
-    odd = cli(
-        "estimate", log, "--rig", "paper-2008-printed", CC='"x', DISTAL_CACHE=str(tmp_path / "c")
-    )
-    assert odd.returncode == 0
-    assert odd.stderr.startswith("warning: kernels are interpreted")
 
 
 @pytest.mark.slow

@@ -18,6 +18,8 @@ from distal.errors import DistalWarning, EstimationError, LogError, OutputError
 from distal.logs import episodes_of
 from distal.rig import edited_text
 from distal.run.health import HEALTH
+from tests.logs import datasets
+from tests.logs.datasets import COLUMNS, capstan_rig, drawn_run, table
 
 LIKE = ("min", "max", "mean", "std", "count", "q10")
 ROWS = (60, 80, 70)
@@ -25,53 +27,22 @@ ROWS = (60, 80, 70)
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    columns = {
-        "log.time.column": "timestamp",
-        "sensors.motor_angle.column": "observation.state.motor.pos",
-        "sensors.motor_torque.column": "observation.state.motor.current",
-    }
-    return load_rig("capstan-joint").with_values(columns)
-
-
-def table(number: int, rows: int) -> pa.Table:
-    """Return the table of an episode."""
-    rng = np.random.default_rng(number)
-    position = np.cumsum(rng.normal(0.0, 2e-3, rows))
-    torque = 0.02 * np.sign(np.gradient(position) if rows > 1 else position)
-    state = np.column_stack([position, torque]).astype(np.float32)
-    columns = {
-        "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
-        "timestamp": pa.array((np.arange(rows) / 200.0).astype(np.float32)),
-        "episode_index": pa.array(np.full(rows, number)),
-    }
-    value = {"dtype": "float32", "_type": "Value"}
-    known = {"info": {"features": {"timestamp": value}}}
-    return pa.table(columns).replace_schema_metadata({"huggingface": json.dumps(known)})
+    return capstan_rig()
 
 
 def dataset(folder: Path, version: int, lengths: tuple[int, ...] = ROWS) -> Path:
     """Write a dataset of three episodes with statistics and a video."""
-    meta, data = folder / "meta", folder / "data" / "chunk-000"
-    data.mkdir(parents=True)
+    datasets.dataset(folder, [drawn_run(k, rows) for k, rows in enumerate(lengths)], version)
     (folder / "videos").mkdir()
     (folder / "videos" / "a.mp4").write_bytes(bytes(range(256)))
-    names = ["motor.pos", "motor.current"]
-    features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
-    tables = [table(number, rows) for number, rows in enumerate(lengths)]
-    meta.mkdir()
-    info = {"codebase_version": f"v{version}.0", "fps": 200, "features": features}
-    (meta / "info.json").write_text(json.dumps(info))
-    known = {what: [0.0, 0.0] for what in LIKE}
+    meta, known = folder / "meta", {what: [0.0, 0.0] for what in LIKE}
     (meta / "stats.json").write_text(json.dumps({"observation.state": known}))
     if version == 2:
         lines = [
             {"episode_index": k, "stats": {"observation.state": known}} for k in range(len(ROWS))
         ]
         (meta / "episodes_stats.jsonl").write_text("\n".join(map(json.dumps, lines)) + "\n")
-        for number, part in enumerate(tables):
-            pq.write_table(part, data / f"episode_{number:06d}.parquet")
     else:
-        pq.write_table(pa.concat_tables(tables), data / "file-000.parquet")
         (meta / "episodes").mkdir()
         columns = {f"stats/observation.state/{what}": [[0.0, 0.0]] * 3 for what in LIKE}
         pq.write_table(
@@ -104,7 +75,7 @@ def test_what_is_added_is_the_estimate_and_all_else_stays(
     episodes = episodes_of(source)
     tables = [pq.read_table(path) for path in sorted((written.folder / "data").rglob("*.parquet"))]
     whole = pa.concat_tables(tables)
-    old = pa.concat_tables([table(k, rows) for k, rows in enumerate(ROWS)])
+    old = pa.concat_tables([table(k, drawn_run(k, rows)) for k, rows in enumerate(ROWS)])
     assert whole.select(old.column_names).equals(old)
     results = [estimate(read_log(episode, rig), rig) for episode in episodes]
     angles = np.concatenate([np.rad2deg(one.theta) for one in results])
@@ -225,11 +196,7 @@ def test_a_damaged_dataset_leaves_nothing_behind(tmp_path: Path, rig: Rig) -> No
 def test_the_command_writes_it_too(tmp_path: Path, rig: Rig) -> None:
     source = dataset(tmp_path / "set", 3)
     file = tmp_path / "rig.toml"
-    changes = [
-        'log.time.column="timestamp"',
-        'sensors.motor_angle.column="observation.state.motor.pos"',
-        'sensors.motor_torque.column="observation.state.motor.current"',
-    ]
+    changes = [f"{path}={json.dumps(column)}" for path, column in COLUMNS.items()]
     file.write_text(edited_text("capstan-joint", changes))
     words = ["estimate", str(source), "--rig", str(file), "--into", str(tmp_path / "new")]
     done = CliRunner().invoke(app, [*words, "--unit", "deg"])

@@ -35,7 +35,6 @@ def test_a_rig_file_that_the_other_commands_take(run, model: Path, tmp_path: Pat
     ("words", "said"),
     [
         (["--chain", "proximl"], "no body is called 'proximl'"),
-        (["--joints", "mcp, pipp"], "no joint that turns is called 'pipp'"),
         (["--length-unit", "inch"], "--length-unit must be m, cm or mm, 'inch' came"),
     ],
 )

@@ -379,6 +379,7 @@ def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: P
             "asked for twice, first by --out",
         ),
         (("estimate", log, twin, *rig, "--out", "out"), "another log has the name 'log'"),
+        (("estimate", log, log, *rig, "--out", "out"), "more than once"),
         (("estimate", log, *rig, "--out", f"{log}/estimate.csv"), "which is a file"),
     ):
         refused(run(*words), said)

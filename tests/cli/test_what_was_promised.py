@@ -18,14 +18,6 @@ from distal.rig.files import rig_text
 from distal.units import rounded
 from tests.cli.test_cli import refused, run  # noqa: F401
 
-ORCA = """
-hardware_version: 20
-joint_roms: {index_mcp: [-20, 95], index_pip: [0, 105]}
-joint_to_motor_map: {index_mcp: 1, index_pip: -2}
-joint_motor_travel: {index_mcp: 150, index_pip: 120}
-"""
-TABLE = "joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]"
-
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -54,6 +46,7 @@ def test_without_what_if_nothing_is_run_again(monkeypatch: pytest.MonkeyPatch) -
     [
         (("--panel", "forces"), "--panel is for one log"),
         (("--findings",), "--findings is for one log"),
+        (("--plot", "x.png"), "give one log"),
     ],
 )
 def test_what_is_for_one_log_is_refused_for_several(
@@ -131,62 +124,6 @@ def test_log_units_are_in_the_order_of_the_live_estimator(name: str) -> None:
 def test_a_shipped_rig_names_commands_that_there_are(name: str) -> None:
     known = {"check", "draw", "show", "from-table", "from-orca", "from-mjcf"}
     assert set(re.findall(r"distal rig ([a-z-]+)", rig_text(name)[0])) <= known
-
-
-@pytest.mark.parametrize(
-    ("config", "said"),
-    [
-        (ORCA.replace("95", "1" + 400 * "0"), "input should be a valid number"),
-        (
-            ORCA.replace("[-20, 95]", "[-0.35, 1.66]").replace("[0, 105]", "[0, 1.83]"),
-            "in radians",
-        ),
-        (ORCA.replace("[-20, 95]", "[-20, high]"), "input should be a valid number"),
-    ],
-)
-def test_a_config_of_a_hand_with_wrong_ranges(run, tmp_path: Path, config: str, said: str) -> None:
-    path = tmp_path / "config.yaml"
-    path.write_text(config)
-    refused(run("rig", "from-orca", path, "--out", tmp_path / "hand.toml"), said)
-
-
-def test_limits_of_a_hand_that_was_not_calibrated(run, tmp_path: Path) -> None:
-    config, calibration = tmp_path / "config.yaml", tmp_path / "calibration.yaml"
-    config.write_text(ORCA)
-    calibration.write_text("calibrated: false\nmotor_limits: {1: [0, 2], 2: [0, 2]}\n")
-    out = tmp_path / "hand.toml"
-    refused(run("rig", "from-orca", config, calibration, "--out", out), "calibrated: false")
-    calibration.write_text("calibrated: true\nmotor_limits: {1: [0, 2], 2: [0, 2]}\n")
-    assert run("rig", "from-orca", config, calibration, "--out", out).code == 0
-
-
-@pytest.mark.parametrize(
-    ("more", "cells", "said"),
-    [
-        (",counts", ",0", "line 2: counts"),
-        (",counts", ",1e400", "not finite"),
-        (",zero [count]", ",100", "needs 'counts' of one turn"),
-    ],
-)
-def test_a_table_with_wrong_counts(run, tmp_path: Path, more: str, cells: str, said: str) -> None:
-    path = tmp_path / "hand.csv"
-    path.write_text(f"{TABLE}{more}\nmcp,1,7,8,1,-20,95{cells}\n")
-    refused(run("rig", "from-table", path, "--out", tmp_path / "hand.toml"), said)
-
-
-def test_a_table_says_zeros_in_counts_and_names_of_columns(run, tmp_path: Path) -> None:
-    path, out = tmp_path / "hand.csv", tmp_path / "hand.toml"
-    path.write_text(
-        f"{TABLE},counts,zero [count],position_column,current_column,time_column\n"
-        "mcp,1,7,8,1,-20,95,4096,1024,raw,amps,stamp [ms]\n"
-    )
-    assert run("rig", "from-table", path, "--out", out).code == 0
-    refused(run("rig", "from-table", path, "--out", out), "exists already")
-    rig = load_rig(out)
-    position, current = rig.sensors_of("position")[0], rig.sensors_of("force")[0]
-    assert (position.log_column, current.log_column) == ("raw", "amps")
-    assert position.bias.value == pytest.approx(np.pi / 2)
-    assert (rig.log.time.column, rig.log.time.unit) == ("stamp", "ms")
 
 
 def test_fifty_thousand_episodes_are_found_at_once(tmp_path: Path) -> None:

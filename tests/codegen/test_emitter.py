@@ -12,7 +12,7 @@ import pytest
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.codegen.writers import Value
-from distal.kernels import Feed, LaneKernel, Recipe, find_compiler
+from distal.kernels import find_compiler
 from distal.kernels.compiler import compiled_source
 from distal.model import soft_moments
 
@@ -177,15 +177,6 @@ def test_numbers_are_casadis(function: ca.Function, single: bool) -> None:
             )
 
 
-def test_in_place_gives_the_same() -> None:
-    function = matrices()
-    given = arguments_of(function, 4)
-    for single in (False, True):
-        apart = run(function, given, Plain(single), False)
-        for one, other in zip(apart, run(function, given, Plain(single), True)):
-            np.testing.assert_array_equal(one, other)
-
-
 def test_in_place_needs_little_scratch() -> None:
     """The covariance is changed where it lies: no loop copies its 25 numbers."""
     sizes = []
@@ -196,22 +187,6 @@ def test_in_place_needs_little_scratch() -> None:
         copies = [line for line in emitter.text.splitlines() if "i < 25" in line]
         assert bool(copies) is not in_place
     assert sizes[0] < sizes[1]
-
-
-def test_lanes_are_runs_of_their_own() -> None:
-    function = matrices()
-    kernel = LaneKernel(Recipe(lambda: function))
-    rng = np.random.default_rng(7)
-    kernel_states = [rng.normal(size=32) for _ in range(kernel.lanes)]
-    xs = [rng.normal(size=(3 + k, 4)) for k in range(kernel.lanes)]
-    ps = [rng.uniform(1.0, 2.0, size=2) for _ in range(kernel.lanes)]
-    feeds = [Feed(*run) for run in zip(kernel_states, xs, ps)]
-    for (kernel_state, x, p), (kept, ys) in zip(feeds, kernel.scan(feeds, [0, 31])):
-        for k, row in enumerate(x):
-            following, y = function(kernel_state, row, p)
-            kernel_state = np.array(following).ravel()
-            np.testing.assert_allclose(kept[k], kernel_state[[0, 31]], rtol=1e-11, atol=1e-11)
-            np.testing.assert_allclose(ys[k], np.array(y).ravel(), rtol=1e-11, atol=1e-11)
 
 
 def test_the_source_says_the_same_each_time() -> None:

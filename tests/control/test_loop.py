@@ -20,7 +20,7 @@ from distal import (
     scenario_rig,
     simulate,
 )
-from distal.control import ControlledPlant, plot_control, trackings_of
+from distal.control import ControlledPlant, trackings_of
 from distal.errors import ControlError, ScenarioError
 from distal.rig import Rig
 from distal.run import Reading
@@ -186,22 +186,6 @@ def test_a_controller_may_end_a_run_only_with_a_line_that_says_why(rig: Rig) -> 
         scenario(control={**PID, "joints": {}})
 
 
-def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
-    described = scenario(control=PID)
-    runs = [closed_loop(rig, described, feedback=name) for name in ("encoder", "adaptive", "ratio")]
-    made = plot_control(runs, tmp_path / "control.png")
-    assert (tmp_path / "control.png").stat().st_size > 10_000
-    assert [line.get_label() for line in made.axes[0].get_lines()][1:] == [
-        "fed back by encoder",
-        "fed back by adaptive",
-        "fed back by ratio",
-    ]
-    for run in runs[:2]:
-        (one,) = trackings_of(run)
-        assert np.rad2deg(one.rms) < 5.0
-        assert one.estimate_rms < np.deg2rad(3.0)  # it begins with a std of 3°
-
-
 def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> None:
     """The gains alone are late and wait for friction; the filter runs once, and says what it says
     over the log.
@@ -240,26 +224,6 @@ def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
     np.testing.assert_array_equal(
         simulate(rig, described).channels["x1"], identified.channels["x1"]
     )
-
-
-def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
-    """A capstan pulls both ways, a slider's tendon one way; where linearity is declared it is
-    defined over that.
-    """
-    from distal.rig import travel_of
-
-    capstan = load_rig("capstan-joint").with_values({"drives.motor.limit": "0.3 N m"})
-    torque = capstan.sensors_of("force")[0]
-    assert travel_of(torque, capstan) == (-0.3, 0.3)
-    free = load_rig("capstan-joint").with_values({"drives.motor.nominal_force": 0.0})
-    assert free.drives[0].limit is None
-    tight = (
-        2.0 * free.drives[0].radius.value * sum(tendon.pretension.value for tendon in free.tendons)
-    )
-    assert travel_of(torque, free) == pytest.approx((-tight, tight))
-    slider = load_rig("paper-2008").with_values({"drives.left.limit": "20 N"})
-    force = next(sensor for sensor in slider.sensors_of("force") if sensor.of == "left")
-    assert travel_of(force, slider) == (0.0, 20.0)
 
 
 def test_an_encoder_of_a_loop_counts_whole_degrees_unless_it_is_said_otherwise(rig: Rig) -> None:

@@ -204,6 +204,10 @@ def test_the_figure_shows_angles_errors_and_the_band_of_what_was_told() -> None:
     )
     worse = replace(made(reference, angle + 4 * DEGREE, time), feedback="encoder")
     top, middle, low = plot_control([best, worse]).axes
+    assert [line.get_label() for line in top.get_lines()][1:] == [
+        "fed back by adaptive",
+        "fed back by encoder",
+    ]
     np.testing.assert_allclose(top.get_lines()[0].get_ydata(), np.rad2deg(reference))
     np.testing.assert_allclose(top.get_lines()[2].get_ydata(), np.rad2deg(angle) + 4)
     np.testing.assert_allclose(

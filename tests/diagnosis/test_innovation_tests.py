@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from distal import Estimate, Log, Rig, diagnose, estimate
-from distal.confidence import LARGE_PRIOR, SMALL
+from distal.confidence import SMALL
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
 from distal.diagnosis.causes import THRESHOLDS
@@ -211,18 +211,6 @@ class TestLogs:
         assert "could be compared" in text
         assert "could be compared" not in diagnose(estimate(log, rig)).text
 
-    def test_a_stiffness_that_is_three_times_too_large(self, rig: Rig, log: Log) -> None:
-        """806 N/m ± 10 % that the rig calls 2418 ± 10 %: the filter walks there, six stds from its
-        prior.
-        """
-        stiff = rig.with_values({f"tendons.{i}.stiffness": 2418.0 for i in range(2)})
-        found = diagnose(estimate(log, stiff))
-        assert not found.consistent
-        assert any(
-            (one.kind, one.subject) == ("left its prior", "common factor of tendons.stiffness")
-            for one in found.findings
-        )
-
     def test_an_angle_that_no_joint_has(self, rig: Rig, log: Log) -> None:
         """A gear that was forgotten turns the joint round and round."""
         result = estimate(log, rig)
@@ -246,13 +234,6 @@ class TestLogs:
     def test_log_and_rig_come_together(self, rig: Rig, log: Log) -> None:
         with pytest.raises(EstimationError, match="both the log and the rig"):
             diagnose(estimate(log, rig), log)
-
-
-def test_the_limit_is_that_of_the_issue() -> None:
-    """Plants are drawn from two standard deviations at most, and three are what a rig's std
-    allows.
-    """
-    assert LARGE_PRIOR == 3.0
 
 
 QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)])[

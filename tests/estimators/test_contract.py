@@ -79,12 +79,15 @@ def test_online_equals_offline(name: str, rig: Rig, log: Log) -> None:
     means, covariances, innovations, variances = made.scan(belief, log.time, samples)
     live = LiveEstimator(rig, made)
     for k, (time, sample) in enumerate(zip(log.time, samples)):
-        live.step(time, sample)
+        assert live.step(time, sample) == live.angle == means[k, 0]
         np.testing.assert_array_equal(live.mean, means[k])
         np.testing.assert_array_equal(live.covariance, covariances[k])
         np.testing.assert_array_equal(live.innovations, innovations[k])
         np.testing.assert_array_equal(live.innovation_variances, variances[k])
+    assert live.angle_std == np.sqrt(covariances[-1, 0, 0])
     assert live.samples == len(log)
+    live.reset()
+    assert live.step(log.time[0], samples[0]) == means[0, 0]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from distal import Log
+from distal.kernels import find_compiler
+
+CC = find_compiler()
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fno-math-errno", "-ffp-contract=off"]
 
 ARM = ("arm-none-eabi-gcc", "arm-none-eabi-size", "arm-none-eabi-nm", "qemu-system-arm")
 
@@ -14,6 +22,18 @@ ARM = ("arm-none-eabi-gcc", "arm-none-eabi-size", "arm-none-eabi-nm", "qemu-syst
 def missing_tools() -> str:
     """Return which of the tools for a Cortex-M are not installed."""
     return ", ".join(tool for tool in ARM if shutil.which(tool) is None)
+
+
+def shared_library(
+    texts: Mapping[str, str], folder: Path, options: Sequence[str] = ("-O2",)
+) -> ctypes.CDLL:
+    """Write sources and headers, file → text, into a folder, and return them compiled."""
+    for file, text in texts.items():
+        (folder / file).write_text(text)
+    sources = [file for file in texts if file.endswith(".c")]
+    command = [*CC.command, *STRICT, *options, "-fPIC", "-shared", *sources, "-lm", "-o", "f.so"]  # type: ignore[union-attr]
+    subprocess.run(command, cwd=folder, check=True)
+    return ctypes.CDLL(str(folder / "f.so"))
 
 
 def spoiled(log: Log) -> Log:

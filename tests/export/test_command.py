@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +16,10 @@ from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.c_source import c_command, c_filter
 from distal.inverse.goal_gate import USUAL
-from distal.kernels.compiler import find_compiler
-from tests.export.helpers import missing_tools
+from tests.export.helpers import CC, missing_tools, shared_library
 from tests.export.test_microcontroller import cases, measure
 
-needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
+needs_compiler = pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")
 
 GLUE = """
 #include "f_command.h"
@@ -42,21 +40,9 @@ int code_of_command(void) { return stands; }
 def built(rig: Rig, tmp_path: Path, single: bool) -> ctypes.CDLL:
     """Return the filter and the commands of a rig, compiled."""
     export_c(rig, tmp_path, single=single, name="f", command=True)
-    (tmp_path / "glue.c").write_text(GLUE)
-    sources = [str(tmp_path / file) for file in ("f.c", "f_command.c", "glue.c")]
-    strict = [
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Wpedantic",
-        "-Werror",
-        *(["-Wdouble-promotion"] if single else []),
-    ]
-    subprocess.run(
-        ["cc", *strict, "-O1", "-fPIC", "-shared", *sources, "-o", str(tmp_path / "f.so"), "-lm"],
-        check=True,
-    )
-    return ctypes.CDLL(str(tmp_path / "f.so"))
+    texts = {file: (tmp_path / file).read_text() for file in ("f.c", "f_command.c")}
+    strict = ["-O1", "-Wpedantic", *(["-Wdouble-promotion"] if single else [])]
+    return shared_library({**texts, "glue.c": GLUE}, tmp_path, strict)
 
 
 @needs_compiler

@@ -20,7 +20,7 @@ from distal.estimators import make_estimator
 from distal.export import Fmu, export_fmu
 from distal.export.fmu import ZIG_TARGETS, this_platform
 from distal.run import samples_of
-from tests.export.test_export import CC
+from tests.export.helpers import CC
 from tests.export.test_fmu import at_the_ends
 from tests.learned_maps import drawn_map
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ from distal.export import c_filter
 from distal.fitting.learned_maps import efforts_of
 from distal.run import samples_of
 from distal.run.health import HEALTH
-from tests.export.helpers import spoiled
-from tests.export.test_export import CC, STRICT, needs_compiler
+from tests.export.helpers import shared_library, spoiled
+from tests.export.test_export import needs_compiler
 from tests.support.foreign_plants import finger_log, finger_rig
 
 WATCHING = """#include "f.h"
@@ -33,22 +32,8 @@ int word(int first, double dt, const double* values) {
 def words_in_c(rig: Rig, log: Log, folder: Path) -> list[str]:
     """Return the word of each sample."""
     made = c_filter(rig, name="f")
-    for file, text in (("f.h", made.header), ("f.c", made.source), ("watching.c", WATCHING)):
-        (folder / file).write_text(text)
-    command = [
-        *CC.command,
-        *STRICT,
-        "-O2",
-        "-fPIC",
-        "-shared",
-        "f.c",
-        "watching.c",
-        "-lm",
-        "-o",
-        "f.so",
-    ]  # type: ignore[union-attr]
-    subprocess.run(command, cwd=folder, check=True)
-    word = ctypes.CDLL(str(folder / "f.so")).word
+    texts = {"f.h": made.header, "f.c": made.source, "watching.c": WATCHING}
+    word = shared_library(texts, folder).word
     samples, steps = (
         samples_of(log, made.estimator.channels),
         np.diff(log.time, prepend=log.time[0]),

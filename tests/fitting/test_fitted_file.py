@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tomlkit
 
-from distal import Rig, fit, load_rig
+from distal import Rig, load_rig
 from distal.errors import DistalWarning, RigError
 from distal.fitting import candidates as judging
 from distal.fitting.candidates import (
@@ -236,15 +236,3 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
     with pytest.warns(DistalWarning, match="written anew"):
         result.save(tmp_path / "fitted.toml", text)
     assert load_rig(tmp_path / "fitted.toml") == result.rig
-
-
-@pytest.mark.more  # by the command line: tests/cli/test_fit.py
-@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
-def test_a_whole_fit_ends_in_its_file(rig: Rig, text: str, tmp_path: Path) -> None:
-    logs = [replace(finger_log(seed, 4.0), source=f"log {seed}") for seed in range(3)]
-    result = fit(logs, rig, workers=1)
-    result.save(tmp_path / "fitted.toml", text)
-    assert load_rig(tmp_path / "fitted.toml") == result.rig
-    rows = result.scores()
-    assert rows[0][0].startswith("as written")
-    assert np.isfinite([rms for _, rms, _ in rows]).all()

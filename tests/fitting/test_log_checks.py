@@ -44,7 +44,8 @@ def test_a_truth_of_the_wrong_sign_is_named_with_where_it_is_from(source: str) -
     named = f" ({source})" if source else ""
     with pytest.raises(
         FitError,
-        match=re.escape(f"mine.csv: the truth of the joint{named} moves against the drives"),
+        match=re.escape(f"mine.csv: the truth of the joint{named} moves against the drives")
+        + ".*a sign is wrong: turn that of the angle sensor or",
     ):
         check_logs([replace(log, channels={**channels, "u1": 20.0 + stroke})], rig)
 
@@ -55,6 +56,15 @@ def test_a_sensor_that_never_changes(rig: Rig, dead: tuple[str, ...]) -> None:
     one, whole = log_of("held", 0, 0), log_of("held", 0, 3)
     with pytest.raises(FitError, match=f"sensor '{dead[0]}' is constant .* is it connected"):
         check_logs([held(one, *dead), held(whole, *dead) if dead == ("phi1",) else whole], rig)
+
+
+def of_a_motor() -> tuple[Log, Rig]:
+    """Return a log of a capstan's joint that is where its drive says, and the rig."""
+    rig = load_rig("capstan-joint")
+    time = np.arange(0.0, 4.0, 0.01)
+    motor = 0.5 * np.sin(2 * np.pi * 0.5 * time)
+    log = Log(time, {"motor_angle": motor, "motor_torque": 0.01 + 1e-4 * np.sin(time)})
+    return replace(log, truth={"theta": estimate(log, rig, "elastic").theta}), rig
 
 
 @pytest.mark.parametrize(
@@ -68,16 +78,9 @@ def test_a_sensor_that_never_changes(rig: Rig, dead: tuple[str, ...]) -> None:
 )
 def test_a_truth_that_moves_too_far_or_too_little(factor: float, said: str) -> None:
     """A factor of about 57 is a unit; another one may be a radius too."""
-    rig = load_rig("capstan-joint")
-    time = np.arange(0.0, 4.0, 0.01)
-    motor = 0.5 * np.sin(2 * np.pi * 0.5 * time)
-    channels = {
-        "motor_angle": motor,
-        "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time),
-    }
-    expected = estimate(Log(time, channels), rig, "elastic").theta
+    log, rig = of_a_motor()
     with pytest.raises(FitError, match=said):
-        check_logs([Log(time, channels, {"theta": factor * expected})], rig)
+        check_logs([replace(log, truth={"theta": factor * log.truth["theta"]})], rig)
 
 
 def test_of_a_chain_the_joint_with_the_wrong_sign_is_named() -> None:
@@ -95,30 +98,19 @@ def test_a_truth_may_have_another_zero() -> None:
     """Only how it moves is compared: an encoder that reads 170° at the drives' zero is no wrong
     truth.
     """
-    rig = load_rig("capstan-joint")
-    time = np.arange(0.0, 4.0, 0.01)
-    motor = 0.5 * np.sin(2 * np.pi * 0.5 * time)
-    channels = {
-        "motor_angle": motor,
-        "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time),
-    }
-    expected = estimate(Log(time, channels), rig, "elastic").theta
-    check_logs([Log(time, channels, {"theta": expected + 3.0})], rig)
+    log, rig = of_a_motor()
+    check_logs([replace(log, truth={"theta": log.truth["theta"] + 3.0})], rig)
 
 
 def test_a_truth_without_values_is_refused_where_it_is_the_only_joints() -> None:
     """Of several joints one may be unknown in a log; of one joint a truth that is nowhere known is
     a mistake.
     """
-    rig = load_rig("capstan-joint")
-    time = np.arange(0.0, 2.0, 0.01)
-    channels = {"motor_angle": 0.5 * np.sin(6 * time), "motor_torque": 0.01 + 1e-4 * np.sin(time)}
-    with pytest.raises(FitError, match="has 0 values; at least 10 are needed"):
-        check_logs([Log(time, channels, {"theta": np.full(len(time), np.nan)})], rig)
-    few = np.full(len(time), np.nan)
-    few[:9] = 0.1
-    with pytest.raises(FitError, match="has 9 values"):
-        check_logs([Log(time, channels, {"theta": few})], rig)
+    log, rig = of_a_motor()
+    for known, said in ((0, "has 0 values; at least 10 are needed"), (9, "has 9 values")):
+        few = np.where(np.arange(len(log)) < known, 0.1, np.nan)
+        with pytest.raises(FitError, match=said):
+            check_logs([replace(log, truth={"theta": few})], rig)
 
 
 def test_signs_of_joints_that_fewer_drives_cannot_tell_apart() -> None:

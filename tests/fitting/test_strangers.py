@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from distal import Log, estimate, fit
-from distal.errors import FitError
 from distal.fitting.candidates import AS_GIVEN, REGRESSION, WRITTEN
 from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 
@@ -55,5 +54,3 @@ def test_units_are_left_out_as_a_whole() -> None:
     found = fit(logs, finger_rig(), groups=r"unit_(\d)")
     assert [one.log for one in found.compared] == [log.source for log in logs]
     assert found.maps["filter"].maps[0].logs == 6
-    with pytest.raises(FitError, match="at least 2 groups"):
-        fit(logs, finger_rig(), groups=r"(unit)")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,43 +14,21 @@ from distal.cli.app import app
 from distal.from_logs import rig_from_logs
 from distal.logs.tables import recorded_columns
 from tests.from_logs.logs import Floats, finger
+from tests.logs.recordings import Recorder, write_bag
 
 MOTORS, JOINTS = ("a", "b", "c"), ("mcp", "pip")
 
 
-def states(columns: Mapping[str, Floats]) -> dict[str, tuple[tuple[str, ...], Floats, Floats]]:
-    """Return topic → names, positions [m, rad] and efforts [N] as messages of ROS have them."""
+def bag(columns: Mapping[str, Floats], folder: Path) -> Path:
+    """Write a bag of ROS 2 with a topic of motors [m, N] and one of references [rad]."""
     positions = np.column_stack([1e-3 * columns[f"x_{name}_mm"] for name in MOTORS])
     forces = np.column_stack([columns[f"F_{name}"] for name in MOTORS])
     angles = np.deg2rad(np.column_stack([columns[f"{name}_deg"] for name in JOINTS]))
-    none = np.empty((len(angles), 0))
-    return {"/motors": (MOTORS, positions, forces), "/reference": (JOINTS, angles, none)}
-
-
-def bag(columns: Mapping[str, Floats], folder: Path) -> Path:
-    """Write a bag of ROS 2 with a topic of motors, one of references, and one of texts."""
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
-    stamp, text = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/String"]
-    with Writer(folder, version=9) as writer:
-        chat = writer.add_connection("/chatter", text.__msgtype__, typestore=store)
-        for topic, (names, positions, efforts) in states(columns).items():
-            connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
-            for k, ms in enumerate(columns["t_ms"]):
-                at = round(1.7e18 + ms * 1e6)
-                message = state(
-                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
-                    name=list(names),
-                    position=positions[k],
-                    velocity=np.array([]),
-                    effort=efforts[k],
-                )
-                writer.write(connection, at, store.serialize_cdr(message, state.__msgtype__))
-        writer.write(chat, at, store.serialize_cdr(text(data="bye"), text.__msgtype__))
-    return folder
+    stamps = [round(1.7e18 + ms * 1e6) for ms in columns["t_ms"]]
+    rows = list(zip(stamps, positions, forces, angles))
+    motors = [("/motors", at, at, MOTORS, position, force) for at, position, force, _ in rows]
+    references = [("/reference", at, at, JOINTS, angle, []) for at, _, _, angle in rows]
+    return write_bag(folder, [*motors, *references])
 
 
 def test_columns_of_a_bag_are_named_as_the_reader_names_them(tmp_path: Path) -> None:
@@ -77,22 +54,12 @@ def test_a_rig_from_bags_reads_these_bags(tmp_path: Path) -> None:
 
 def mcap(columns: Mapping[str, Floats], path: Path) -> Path:
     """Write an MCAP file of JSON messages with nested fields."""
-    from mcap.writer import Writer
-
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("sample", "jsonschema", b"{}")
-        channel = writer.register_channel("/hand", "json", schema)
-        for k, ms in enumerate(columns["t_ms"]):
-            content = {"timestamp": 1.7e9 + 1e-3 * ms, "is_on": True, "mode": "idle"}
-            content |= {
-                name: float(values[k]) for name, values in columns.items() if name != "t_ms"
-            }
-            content["cells"] = [float(columns["F_a"][k])] * 100
-            at = round(1.7e18 + ms * 1e6)
-            writer.add_message(channel, at, json.dumps(content).encode(), at)
-        writer.finish()
+    recorder = Recorder(path)
+    for k, ms in enumerate(columns["t_ms"]):
+        content = {"timestamp": 1.7e9 + 1e-3 * ms, "is_on": True, "mode": "idle"}
+        content |= {name: float(values[k]) for name, values in columns.items() if name != "t_ms"}
+        recorder.add("/hand", 1e-3 * ms, {**content, "cells": [float(columns["F_a"][k])] * 100})
+    recorder.close()
     return path
 
 
@@ -107,12 +74,7 @@ def test_the_command_takes_mcap(tmp_path: Path) -> None:
 
 
 def test_a_bag_without_numbers_says_so(tmp_path: Path) -> None:
-    from mcap.writer import Writer
-
     path = tmp_path / "empty.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.finish()
+    Recorder(path).close()
     with pytest.raises(Exception, match="no message has numbers"):
         rig_from_logs([path])

@@ -29,10 +29,17 @@ def hand(seed: int = 3) -> tuple[Known, Hands]:
 
 
 @lru_cache
-def routine_log(seed: int = 3) -> tuple[Calibrated, Log]:
-    """Return a calibration and its log; shared, since it takes seconds."""
-    known, hands = hand(seed)
-    return calibrated(known, hands, rig_of(known))[0]
+def moved_hands() -> tuple[Calibrated, Log, Hands]:
+    """Return a calibration, its log, and the hand as it stands afterwards; shared, since it takes
+    seconds.
+    """
+    known, hands = hand()
+    return *calibrated(known, hands, rig_of(known))[0], hands
+
+
+def routine_log() -> tuple[Calibrated, Log]:
+    """Return a calibration and its log."""
+    return moved_hands()[:2]
 
 
 def run(hands: Hands, routine: Routine, seconds: float = 60.0) -> None:
@@ -97,9 +104,8 @@ def test_numbers_are_those_of_the_plant_within_their_errors() -> None:
 
 @pytest.mark.slow
 def test_angles_after_the_routine_beat_the_ratio_of_the_travel() -> None:
-    known, hands = hand()
-    rig = rig_of(known)
-    ((found, log),) = calibrated(known, hands, rig)
+    known, _ = hand()
+    found, log, hands = moved_hands()
     ends = np.array(
         [[[f(log.channels[f"{m}_position"]) for m in known.motors]] for f in (np.min, np.max)]
     )
@@ -113,7 +119,7 @@ def test_angles_after_the_routine_beat_the_ratio_of_the_travel() -> None:
     assert error < 0.6 * plain
     assert np.mean(np.abs(estimated.angles - truth) < 1.96 * estimated.angle_stds) > 0.9
     # the rig as it came is far off: it does not know where motors have their zero
-    before = estimate(log_of(known, moves, 0), rig)
+    before = estimate(log_of(known, moves, 0), rig_of(known))
     assert np.sqrt(np.mean((before.angles - truth) ** 2)) > 2 * error
 
 

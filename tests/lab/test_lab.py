@@ -165,31 +165,6 @@ def test_the_numbers_are_pythons_after_a_minute(page: Page, rig: Rig, folder: Pa
     compare_numbers(page, rig, 60.0, 1e-6, folder)
 
 
-@of_a_chain_too
-def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Path) -> None:
-    """The true torque is what acts on that joint, the told one and its std are Python's estimate
-    from the saved log.
-    """
-    page.value("lab.pause()")
-    torques = page.value("JSON.parse(document.getElementById('lab-data').textContent).torques")
-    names, nj = [joint.name for joint in rig.joints], len(rig.joints)
-    assert len(torques) == sum(joint.external_torque.std > 0 for joint in rig.joints)
-    for k, (_, _, joint) in enumerate(torques):
-        choose(page, joint)
-        set_by_hand(page, f"{LOAD}.max", "load")
-        found = page.value(
-            "(lab.begin(), lab.run(3), { last: lab.last(), acted: lab.acted(), csv: lab.csv() })"
-        )
-        row = np.array(found["last"][1 + 4 * nj + 3 * k :][:3])
-        assert row[0] == found["acted"][joint] > 0.0
-        (folder / "touched.csv").write_text(found["csv"])
-        known = estimate(read_log(folder / "touched.csv", rig), rig)
-        at = external_torques_of(make_estimator("adaptive", rig))[names[joint]]
-        assert row[1] == pytest.approx(known.means[-1, at], abs=1e-9)
-        assert row[2] == pytest.approx(np.sqrt(known.variances[-1, at]), abs=1e-9)
-    set_by_hand(page, "0", "load")
-
-
 def times(rig: Rig, factor: float, *names: str) -> dict[str, object]:
     """Return the numbers of a rig whose path ends with one of some names, times a factor."""
     paths = [

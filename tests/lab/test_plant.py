@@ -5,7 +5,6 @@ the rig describes.
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,8 @@ from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
 from distal.simulation.plant import at_rest, plant_function
-from tests.export.test_export import CC, STRICT, needs_compiler
+from tests.export.helpers import shared_library
+from tests.export.test_export import needs_compiler
 
 pytestmark = needs_compiler
 
@@ -48,26 +48,8 @@ class Plant:
             f'#include "{made.name}.h"\nunsigned long size(void) {{ return '
             f"sizeof({made.name}_state); }}\n"
         )
-        for name, text in (
-            (f"{made.name}.h", made.header),
-            (f"{made.name}.c", made.source),
-            ("size.c", size),
-        ):
-            (folder / name).write_text(text)
-        command = [
-            *CC.command,
-            *STRICT,
-            "-O2",
-            "-fPIC",
-            "-shared",
-            f"{made.name}.c",
-            "size.c",
-            "-lm",
-            "-o",
-            "p.so",
-        ]  # type: ignore[union-attr]
-        subprocess.run(command, cwd=folder, check=True)
-        self.code, self.made = ctypes.CDLL(str(folder / "p.so")), made
+        texts = {f"{made.name}.h": made.header, f"{made.name}.c": made.source, "size.c": size}
+        self.code, self.made = shared_library(texts, folder), made
         self.state = np.zeros(int(self.code.size()) // 8 + 1)
         self.values = np.zeros(len(made.plant.rig.sensors))
 
@@ -119,37 +101,6 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
         plant.state[: kernel_state.size], kernel_states[-1], rtol=0, atol=1e-12
     )
     assert np.abs(kernel_states[-1] - kernel_state)[:nj].max() > 1e-3
-
-
-def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
-    """Noise by its std, a curve within its linearity, steps of the resolution; a seed gives the
-    same again.
-    """
-    changed = {"sensors.0.noise": 2e-5, "sensors.0.linearity": 1e-4, "sensors.0.resolution": 0.0}
-    rig = load_rig("paper-2008").with_values(
-        {**changed, "sensors.1.resolution": 0.05, "sensors.1.noise": 0.1}
-    )
-    made = c_plant(rig, "p")
-    plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
-    pull[0] = resting_inputs(made.plant).effort[0]
-    first, positions = [], []
-    for seed in range(40):
-        begun = plant.begin(seed)
-        np.testing.assert_array_equal(plant.begin(seed), begun)
-        first.append(begun[0])
-        positions.append([plant.step(pull.ravel()) for _ in range(100)])
-    read = np.array(positions)
-    true = made.start[made.plant.n_joints]
-    within = read[:, :, 0] - read[:, :, 0].mean(axis=1, keepdims=True)
-    assert np.std(within) == pytest.approx(2e-5, rel=0.05)
-    offsets = read[:, :, 0].mean(axis=1) - true
-    assert 2e-5 < np.std(offsets) < 1e-4
-    assert np.abs(offsets).max() < 1.1e-4
-    assert len(set(first)) == 40
-    np.testing.assert_allclose(read[:, :, 1] / 0.05, np.round(read[:, :, 1] / 0.05), atol=1e-9)
-    assert np.std(read[:, :, 1] - read[:, :, 1].mean(axis=1, keepdims=True)) == pytest.approx(
-        0.1, rel=0.1
-    )
 
 
 class Drawn:

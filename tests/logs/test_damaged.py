@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import numpy as np
@@ -43,26 +42,6 @@ def test_only_what_is_asked_for_is_read(path: Path) -> None:
         read_table(path)
 
 
-def test_a_damaged_file_costs_itself_only(path: Path) -> None:
-    """One byte changed, many times: each is read or refused, and the next file is read."""
-    content, rng = path.read_bytes(), random.Random(5)
-    refused = 0
-    for _ in range(60):
-        changed = bytearray(content)
-        position = rng.choice(
-            [rng.randrange(len(content)), rng.randrange(len(content) - 400, len(content))]
-        )
-        changed[position] ^= 1 << rng.randrange(8)
-        path.write_bytes(changed)
-        try:
-            read_table(path, ["t", "a"])
-        except LogError:
-            refused += 1
-    assert refused > 10
-    path.write_bytes(content)
-    assert len(read_table(path, ["t", "a"]).columns["a"]) == 50
-
-
 def test_memory_by_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A column of one value takes no room in a file: a few kB here are 480 MB in memory."""
     path = tmp_path / "long.parquet"
@@ -78,10 +57,10 @@ def test_memory_by_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_memory_that_no_header_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A list with any number of values in a row is no vector."""
     path = tmp_path / "nested.parquet"
-    pl.select(
-        pl.repeat(0.5, 60_000_000).implode().alias("a"), pl.lit(0.0).alias("t")
-    ).write_parquet(path)
-    monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
+    pl.select(pl.repeat(0.5, 6_000_000).implode().alias("a"), pl.lit(0.0).alias("t")).write_parquet(
+        path
+    )
+    monkeypatch.setenv("DISTAL_MAX_MEMORY", "30 MB")
     with pytest.raises(LogError, match="holds lists as text"):
         read_table(path, ["t", "a"])
 

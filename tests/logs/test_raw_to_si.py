@@ -130,10 +130,7 @@ def test_an_encoder_before_the_gear_counts_its_turns(
     entry: Callable[..., Floats], rig: Rig, tmp_path: Path
 ) -> None:
     """It moves by more than half a turn between samples, after a rest beyond a turn or at once."""
-    raw = rig.model_dump()
-    encoder, *others = raw["sensors"]
-    encoder = {**encoder, "gear": 29, "counts_per_turn": 1024, "resolution": 2 * pi / 1024 / 29}
-    geared = build_rig({**raw, "sensors": [encoder, *others]}, "geared joint")
+    geared = with_encoder(rig, gear=29, counts_per_turn=1024, resolution=2 * pi / 1024 / 29)
     steps = np.zeros(N)
     steps[40:53] = 400
     steps[200:210] = -700
@@ -153,6 +150,14 @@ def test_an_encoder_before_the_gear_counts_its_turns(
 def with_encoder(rig: Rig, **fields: object) -> Rig:
     encoder, *others = rig.model_dump()["sensors"]
     return build_rig({**rig.model_dump(), "sensors": [{**encoder, **fields}, *others]}, "encoder")
+
+
+def with_camera(rig: Rig) -> Rig:
+    """Return the rig with another reference, of degrees in the column `deg`."""
+    raw = rig.model_dump()
+    reference = {"name": "camera", "measures": "angle", "of": "jaw", "si": "rad", "unit": "deg"}
+    sensors = [s for s in raw["sensors"] if s["measures"] != "angle"]
+    return build_rig({**raw, "sensors": [*sensors, {**reference, "column": "deg"}]}, "known")
 
 
 @pytest.mark.parametrize("counts", [2048, 4096, 65536])
@@ -242,10 +247,8 @@ def test_the_end_of_a_register_is_missing(
 
 
 def test_an_encoder_within_a_turn_of_16_bits_may_be_at_its_end(rig: Rig) -> None:
-    raw = rig.model_dump()
-    encoder, *others = raw["sensors"]
-    encoder = encoder | {"counts_per_turn": 65_536, "resolution": 2 * pi / 65_536}
-    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "fine"), CHANNELS)
+    fine = with_encoder(rig, counts_per_turn=65_536, resolution=2 * pi / 65_536)
+    units = LogUnits(fine, CHANNELS)
     for k, count in enumerate((65_533.0, 65_534.0, 65_535.0, 0.0, 1.0)):
         came = units.sample(0.005 * k, [count, 10.0])[0]
         assert came == pytest.approx((k - 3) * 2 * pi / 65_536)
@@ -258,11 +261,7 @@ def test_a_drive_may_hunt_by_some_counts(rig: Rig, tmp_path: Path) -> None:
 
 
 def test_a_reference_goes_to_the_nearest_turn_after_a_gap(rig: Rig, tmp_path: Path) -> None:
-    raw = rig.model_dump()
-    raw["joints"][0]["stops"] = None
-    reference = {"name": "camera", "measures": "angle", "of": "jaw", "si": "rad", "unit": "deg"}
-    sensors = [s for s in raw["sensors"] if s["measures"] != "angle"]
-    known = build_rig({**raw, "sensors": [*sensors, {**reference, "column": "deg"}]}, "known")
+    known = with_camera(rig).with_values({"joints.0.stops": None})
     angle = 165.0 + 30.0 * np.sin(2.0 * TIME)
     wrapped = (angle + 180.0) % 360.0 - 180.0
     cells = [f"{a:.3f}" for a in wrapped]
@@ -337,11 +336,7 @@ def test_a_drive_with_a_coarse_current_may_rest(rig: Rig, seed: int, tmp_path: P
 
 def test_a_reference_that_wraps_is_in_the_turn_of_its_joint(rig: Rig, tmp_path: Path) -> None:
     angle = 50.0 * np.sin(2.0 * TIME)
-    raw = rig.model_dump()
-    reference = {"name": "camera", "measures": "angle", "of": "jaw", "si": "rad", "unit": "deg"}
-    sensors = [s for s in raw["sensors"] if s["measures"] != "angle"]
-    known = build_rig({**raw, "sensors": [*sensors, {**reference, "column": "deg"}]}, "known")
-    path = tmp_path / "log.csv"
+    known, path = with_camera(rig), tmp_path / "log.csv"
     for wrapped in (angle % 360.0, (angle + 180.0) % 360.0 - 180.0 + 360.0):
         rows = [f"{t:.3f},{k % 7},{k % 5},{a:.3f}" for k, (t, a) in enumerate(zip(TIME, wrapped))]
         path.write_text("\n".join(["t,angle,current,deg", *rows]))
@@ -389,10 +384,7 @@ def test_a_number_beyond_all_sensors_is_passed_on(rig: Rig, good: Floats) -> Non
 
 def test_a_log_in_radians_begins_where_it_says(rig: Rig, good: Floats, tmp_path: Path) -> None:
     """A zero that is wrong is not taken for another turn: only a hand sets its motors so."""
-    raw = rig.model_dump()
-    encoder, *others = raw["sensors"]
-    encoder = encoder | {"unit": "rad", "counts_per_turn": None, "bias": {"value": 0.0}}
-    radians_rig = build_rig({**raw, "sensors": [encoder, *others]}, "in radians")
+    radians_rig = with_encoder(rig, unit="rad", counts_per_turn=None, bias={"value": 0.0})
     path = tmp_path / "log.csv"
     position = 8.0 + good[:, 0] * 2 * pi / 4096
     rows = [f"{t:.3f},{a:.6f},{c:.0f}" for t, a, c in zip(TIME, position, good[:, 1])]

@@ -204,13 +204,6 @@ def test_what_is_written_is_read_back(
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.binary(max_size=300))
-def test_any_bytes_are_a_log_error(tmp_path: Path, pulley_rig: Rig, content: bytes) -> None:
-    with pytest.raises(LogError, match=r"log\.csv"):
-        read_log(file(tmp_path, content), pulley_rig)
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.text(alphabet="0123456789.,;-e\nnatx \"'", max_size=120))
 def test_any_numbers_below_a_good_header_are_read_or_refused(
     tmp_path: Path, pulley_rig: Rig, tail: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import builtins
-import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, si
 from distal.errors import DistalWarning, LogError
 from distal.logs import open_table
 from distal.logs.tables import _stamped, recorded_columns
+from tests.logs.recordings import Recorder, State, write_bag
 
 TOPICS = {
     "x1": "/left.position[0]",
@@ -47,36 +48,19 @@ def bag(
     """Write a bag of ROS 2: two topics of joint states, the right one `late` behind, with `odd`
     stamps in some of its messages, and one topic that nobody asked for.
     """
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
-    stamp, text = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/String"]
     factor = {s.name: 1e-3 if s.unit == "mm" else 1.0 for s in rig.sensors}
-    with Writer(folder, version=9) as writer:
-        sides = {
-            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store)
-            for side in ("left", "right")
-        }
-        chat = writer.add_connection("/chatter", text.__msgtype__, typestore=store)
+
+    def states() -> Iterator[State]:
         for k, time in enumerate(log.time):
-            for number, (side, connection) in enumerate(sides.items(), start=1):
+            for number, side in enumerate(("left", "right"), start=1):
                 at = round((1.7e9 + time + (late if side == "right" else 0.0)) * 1e9)
-                recorded = round((1.7e9 + time) * 1e9) + 5_000_000
                 if side == "right" and odd is not None and k in odd:
                     at = round(odd[k] * 1e9)
-                x, u = (log.channels[f"{kind}{number}"][k] for kind in "xu")
-                message = state(
-                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
-                    name=[side],
-                    position=np.array([x / factor[f"x{number}"]]),
-                    velocity=np.array([]),
-                    effort=np.array([u / factor[f"u{number}"]]),
-                )
-                writer.write(connection, recorded, store.serialize_cdr(message, state.__msgtype__))
-            writer.write(chat, recorded, store.serialize_cdr(text(data="hello"), text.__msgtype__))
-    return folder
+                names = f"x{number}", f"u{number}"
+                x, u = (log.channels[name][k] / factor[name] for name in names)
+                yield f"/{side}", at, round((1.7e9 + time) * 1e9) + 5_000_000, [side], [x], [u]
+
+    return write_bag(folder, states())
 
 
 def test_a_bag_of_ros_2(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
@@ -252,34 +236,6 @@ def test_a_pointer_of_git_lfs(rig: Rig, tmp_path: Path, name: str) -> None:
 SAMPLE_TOPIC = "robot/sample"
 
 
-class Recorder:
-    """Writes messages as JSON to an MCAP file."""
-
-    def __init__(self, path: Path) -> None:
-        from mcap.writer import Writer
-
-        self._file = path.open("wb")
-        self._writer = Writer(self._file)
-        self._writer.start(profile="", library="test")
-        self._channels: dict[str, int] = {}
-
-    def add(self, topic: str, time: float, message: dict[str, object]) -> None:
-        if topic not in self._channels:
-            schema = self._writer.register_schema(topic, "jsonschema", b"{}")
-            self._channels[topic] = self._writer.register_channel(topic, "json", schema)
-        stamp = max(0, round(time * 1e9)) if abs(time) < 1e9 else 0
-        finite = {
-            k: None if isinstance(v, float) and not np.isfinite(v) else v
-            for k, v in message.items()
-        }
-        data = json.dumps(finite).encode()
-        self._writer.add_message(self._channels[topic], stamp, data, stamp)
-
-    def close(self) -> None:
-        self._writer.finish()
-        self._file.close()
-
-
 def recorded(path: Path, stamps: list[float], **changed: object) -> Path:
     recorder = Recorder(path)
     for k, stamp in enumerate(stamps):
@@ -377,31 +333,14 @@ def test_columns_named_by_topic_are_found_in_json(
         assert find({"a": [1]}, odd) is None
 
 
-def test_a_simulation_that_begins_at_zero(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+def test_a_simulation_that_begins_at_zero(named: Rig, tmp_path: Path) -> None:
     """A header of zero is a stamp where the others of its topic are."""
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
-    stamp = store.types["builtin_interfaces/msg/Time"]
-    with Writer(tmp_path / "sim", version=9) as writer:
-        sides = {
-            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store)
-            for side in ("left", "right")
-        }
-        for k in range(50):
-            for connection in sides.values():
-                message = state(
-                    header=header(stamp=stamp(sec=0, nanosec=k * 10_000_000), frame_id=""),
-                    name=["a"],
-                    position=np.array([1e-3]),
-                    velocity=np.array([]),
-                    effort=np.array([2.0]),
-                )
-                at = 1_700_000_000_000_000_000 + k * 11_000_000
-                writer.write(connection, at, store.serialize_cdr(message, state.__msgtype__))
-    read = read_log(tmp_path / "sim", named)
+    states = [
+        (f"/{side}", k * 10_000_000, 1_700_000_000_000_000_000 + k * 11_000_000, "a", [1e-3], [2.0])
+        for k in range(50)
+        for side in ("left", "right")
+    ]
+    read = read_log(write_bag(tmp_path / "sim", states), named)
     np.testing.assert_allclose(read.time, 0.01 * np.arange(50), atol=1e-9)
 
 
@@ -436,14 +375,8 @@ def joints_bag(log: Log, folder: Path, apart: float, lost: tuple[int, str] | Non
     """Write a bag with one topic of joint states: both joints in a message, their order now so, now
     so; or `apart` [s].
     """
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.LATEST)
-    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
-    stamp = store.types["builtin_interfaces/msg/Time"]
-    with Writer(folder, version=9) as writer:
-        connection = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+    def states() -> Iterator[State]:
         for k, time in enumerate(log.time):
             sides = [("left", 1), ("right", 2)][:: 1 if k % 2 else -1]
             parts = [sides] if apart == 0.0 else [[sides[0]], [sides[1]]]
@@ -451,17 +384,14 @@ def joints_bag(log: Log, folder: Path, apart: float, lost: tuple[int, str] | Non
                 if lost == (k, part[0][0]):
                     continue
                 at = round((1.7e9 + time + late * apart) * 1e9)
-                message = state(
-                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
-                    name=["gripper", *(f"{side}.motor" for side, _ in part)],
-                    position=np.array(
-                        [9.0, *(log.channels[f"x{number}"][k] for _, number in part)]
-                    ),
-                    velocity=np.array([]),
-                    effort=np.array([9.0, *(log.channels[f"u{number}"][k] for _, number in part)]),
+                names = ["gripper", *(f"{side}.motor" for side, _ in part)]
+                x, u = (
+                    [9.0, *(log.channels[f"{kind}{number}"][k] for _, number in part)]
+                    for kind in "xu"
                 )
-                writer.write(connection, at, store.serialize_cdr(message, state.__msgtype__))
-    return folder
+                yield "/joint_states", at, at, names, x, u
+
+    return write_bag(folder, states())
 
 
 @pytest.fixture(scope="module")

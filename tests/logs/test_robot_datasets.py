@@ -22,71 +22,17 @@ from distal.logs.formats.hdf5 import _is_column
 from distal.rig import Rig
 from distal.rig.hand_tables import Row, hand_of
 from distal.run import estimate_batch
-
-NAMES = ("motor.pos", "motor.current")
+from tests.logs.datasets import COLUMNS, NAMES, capstan_rig, dataset, drawn_run, table
 
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    """Return the joint with a capstan, whose sensors are numbers of a vector."""
-    columns = {
-        "log.time.column": "timestamp",
-        "sensors.motor_angle.column": "observation.state.motor.pos",
-        "sensors.motor_torque.column": "observation.state.motor.current",
-    }
-    return load_rig("capstan-joint").with_values(columns)
+    return capstan_rig()
 
 
 @pytest.fixture(scope="module")
 def runs() -> list[np.ndarray]:
-    """Return stamps and both readings of four runs as float32, (k, 3) each."""
-    found = []
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        time = np.arange(300 + 10 * seed) / 200.0
-        position = np.cumsum(rng.normal(0.0, 2e-3, len(time)))
-        found.append(
-            np.column_stack([time, position, 0.02 * np.sign(np.gradient(position))]).astype(
-                np.float32
-            )
-        )
-    return found
-
-
-def table(number: int, run: np.ndarray) -> pa.Table:
-    """Return the table of an episode as LeRobot has it."""
-    return pa.table(
-        {
-            "observation.state": pa.array(run[:, 1:].tolist(), pa.list_(pa.float32())),
-            "action": pa.FixedSizeListArray.from_arrays(pa.array(run[:, 1:].ravel()), 2),
-            "timestamp": pa.array(run[:, 0]),
-            "frame_index": pa.array(np.arange(len(run))),
-            "episode_index": pa.array(np.full(len(run), number)),
-        }
-    )
-
-
-def dataset(folder: Path, runs: list[np.ndarray], version: int, names: object = NAMES) -> Path:
-    """Write a dataset."""
-    (folder / "meta").mkdir(parents=True)
-    features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
-    info = {
-        "codebase_version": f"v{version}.0",
-        "fps": 200,
-        "total_episodes": len(runs),
-        "features": features,
-    }
-    (folder / "meta" / "info.json").write_text(json.dumps(info))
-    data = folder / "data" / "chunk-000"
-    data.mkdir(parents=True)
-    tables = [table(number, run) for number, run in enumerate(runs)]
-    if version == 2:
-        for number, part in enumerate(tables):
-            pq.write_table(part, data / f"episode_{number:06d}.parquet")
-    else:
-        pq.write_table(pa.concat_tables(tables[:3]), data / "file-000.parquet")
-        pq.write_table(pa.concat_tables(tables[3:]), data / "file-001.parquet")
-    return folder
+    return [drawn_run(seed, 300 + 10 * seed) for seed in range(4)]
 
 
 def csv_of(path: Path, rig: Rig, run: np.ndarray) -> Path:
@@ -217,11 +163,7 @@ def test_the_command_estimates_all_episodes_into_files_beside(
     tmp_path: Path, rig: Rig, runs: list[np.ndarray]
 ) -> None:
     folder, out = dataset(tmp_path / "set", runs, 3), tmp_path / "estimates"
-    columns = [
-        f"--set=sensors.motor_angle.column={json.dumps('observation.state.motor.pos')}",
-        f"--set=sensors.motor_torque.column={json.dumps('observation.state.motor.current')}",
-        '--set=log.time.column="timestamp"',
-    ]
+    columns = [f"--set={path}={json.dumps(column)}" for path, column in COLUMNS.items()]
     done = CliRunner().invoke(
         app, ["estimate", str(folder), "--rig", "capstan-joint", *columns, "--out", str(out)]
     )
@@ -238,25 +180,12 @@ def test_a_rig_of_motors_finds_them_in_the_state_of_a_dataset(tmp_path: Path) ->
     """Its columns, ``motor_1_position`` and ``time``, are ``observation.state.…`` and ``timestamp``
     there.
     """
-    (tmp_path / "meta").mkdir()
+    run = drawn_run(0, 50)
     names = ["motor_1_position", "motor_1_current"]
-    (tmp_path / "meta" / "info.json").write_text(
-        json.dumps({"features": {"observation.state": {"names": names}}})
-    )
-    (tmp_path / "data").mkdir()
-    state = np.column_stack([np.linspace(0.0, 0.5, 50), 20.0 + np.arange(50) % 3]).astype(
-        np.float32
-    )
-    columns = {
-        "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
-        "timestamp": np.arange(50) / 100.0,
-        "episode_index": np.zeros(50),
-    }
-    pq.write_table(pa.table(columns), tmp_path / "data" / "episode_000000.parquet")
     rig = hand_of(
         [Row(joint="mcp", motor="motor_1", low=0.0, high=1.5, spool_radius=7e-3)], "hand", "table"
     ).rig
-    (episode,) = episodes_of(tmp_path)
+    (episode,) = episodes_of(dataset(tmp_path / "set", [run], 3, names))
     log = read_log(episode, rig)
-    np.testing.assert_allclose(log.time, np.arange(50) / 100.0, atol=1e-12)
-    np.testing.assert_allclose(log.channels["motor_1_position"], state[:, 0], atol=1e-9)
+    np.testing.assert_allclose(log.time, run[:, 0], atol=1e-12)
+    np.testing.assert_allclose(log.channels["motor_1_position"], run[:, 1], atol=1e-9)

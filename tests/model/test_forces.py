@@ -100,16 +100,6 @@ def test_the_equations_as_printed_are_not_conservative() -> None:
     assert abs(printed - t2 * slope) > 1e-3 * abs(t2 * slope)
 
 
-def test_slack_carries_exactly_zero(paper: tuple[Mechanism, ca.Function]) -> None:
-    mechanism, function = paper
-    tensions, force, *_ = function(
-        [0.3, 1e-3, -4e-3], [0.1, -0.2, 0.3], mechanism.parameters.values
-    )
-    assert tensions.full().ravel()[0] == 0.0
-    assert tensions.full().ravel()[1] == 0.0
-    assert np.all(force.full() == 0.0)
-
-
 def test_damping_never_makes_a_tendon_push() -> None:
     mechanism = Mechanism(load_rig("pulley-antagonist"))
     function, p = evaluate(mechanism), mechanism.parameters.values

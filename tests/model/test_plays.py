@@ -4,7 +4,6 @@ twins.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -116,15 +115,6 @@ def test_a_point_of_a_cable_that_stiffens_holds_up_to_the_capstan_equation(
         bisect(lacks, -0.05, 0.05, args, xtol=1e-12) for args in ((1.0, drawn), (drawn, 1.0))
     )
     assert [float(found.low), float(found.high)] == pytest.approx(desired, abs=1e-8)
-
-
-def test_a_cable_that_hardly_stiffens_is_linear() -> None:
-    cables = sheath(2), replace(sheath(2), stiffening=1e-9, pretension=4.0)
-    points = [moved(cable, cable.middle(0.0, 0.0), 3e-3, 0.0) for cable in cables]
-    assert points[0] == pytest.approx(points[1], abs=1e-12)
-    assert [float(t) for t in cables[0].tensions(points[0], 3e-3, 0.0)] == pytest.approx(
-        [float(t) for t in cables[1].tensions(points[1], 3e-3, 0.0)], rel=1e-6
-    )
 
 
 def sheathed(**values: object) -> Mechanism:
@@ -392,25 +382,6 @@ def test_cogging_repeats_as_the_motor_turns() -> None:
         )
 
 
-def test_a_motor_with_cogging_needs_that_much_less() -> None:
-    cogging = {"periods": 12, "cosine": {"value": 0.05, "std": 0.0}}
-    raw = {
-        "duration": 6.0,
-        "drives": {"motor": {"servo": {"angle": {"amplitude": 0.6, "frequency": 0.3}}}},
-    }
-    plain = load_rig("capstan-joint").with_values(
-        {f"drives.0.friction.{n}": 0.0 for n in ("constant", "load")}
-    )
-    logs = [
-        simulate(rig, build_scenario({"rig": "capstan-joint", **raw}, "turned"), 1)
-        for rig in (plain, plain.with_values({"drives.0.cogging": cogging}))
-    ]
-    position = logs[1].truth["position_motor"]
-    less = (logs[0].truth["force_motor"] - logs[1].truth["force_motor"])[100:]
-    assert np.corrcoef(less, np.cos(12 * position)[100:])[0, 1] > 0.98
-    assert np.std(less) == pytest.approx(0.05 * np.std(np.cos(12 * position)[100:]), rel=0.1)
-
-
 def test_nobody_who_forgets_is_in_the_middle() -> None:
     """Filters that remember nothing take a far side to be halfway, and a rope as far settled as it
     is said to be.
@@ -429,18 +400,10 @@ def test_nobody_who_forgets_is_in_the_middle() -> None:
     assert tensions == pytest.approx([806.0 * 4e-3, 806.0 * 3e-3 / 1.5], rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        (
-            {"tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 9}},
-            "less than or equal to 4|at most 4",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(values: dict[str, Any], said: str) -> None:
-    with pytest.raises(RigError, match=said):
-        load_rig("pulley-antagonist").with_values(values)
+def test_a_cable_of_too_many_points_is_refused() -> None:
+    path = {"friction": 0.1, "wrap": 1.0, "nodes": 9}
+    with pytest.raises(RigError, match=r"less than or equal to 4|at most 4"):
+        load_rig("pulley-antagonist").with_values({"tendons.0.path": path})
 
 
 @given(
@@ -451,7 +414,7 @@ def test_what_cannot_be_is_refused(values: dict[str, Any], said: str) -> None:
     st.floats(0.01, 0.6),
     st.tuples(st.floats(-1.0, 4.0), st.floats(-1.0, 4.0)),
 )
-def test_a_point_of_a_stiffening_cable_balances(
+def test_slopes_of_a_point_of_a_stiffening_cable(
     count: int,
     stiffness: float,
     stiffening: float,
@@ -459,20 +422,14 @@ def test_a_point_of_a_stiffening_cable_balances(
     grip: float,
     ends: tuple[float, float],
 ) -> None:
-    """T₁(l − m) = e T₂(m − r) at m, and its derivatives by both ends against differences."""
+    """The derivatives of where T₁(l − m) = e T₂(m − r) by both ends, against differences."""
     cable = Sheath(stiffness, float(np.exp(grip)), 1.0, count, stiffening, pretension)
     before, after = ca.SX.sym("before"), ca.SX.sym("after")
     position = cable.bounds(0, before, after).high
     slopes = ca.jacobian(position, ca.vertcat(before, after))
     function = ca.Function("position", [before, after], [position, slopes])
     near, far = (end * pretension / stiffness for end in ends)
-    found, derivatives = (np.array(part).ravel() for part in function(near, far))
-    pulls = [
-        [float(ca.DM(cable.tension(0, near - m))), float(ca.DM(cable.tension(1, m - far)))]
-        for m in found
-    ]
-    balances = [min(abs(a - np.exp(grip) * b), abs(a - b)) for a, b in pulls]
-    assert max(balances) < 1e-6 * pretension
+    derivatives = np.array(function(near, far)[1]).ravel()
     step = 1e-6 * pretension / stiffness
     # away from bends, where both sides of a difference are alike
     sides = [

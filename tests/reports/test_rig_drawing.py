@@ -335,8 +335,9 @@ def test_numbers_have_fitting_units() -> None:
         "150 mN·m/rad",
         "−5.73°",
     ]
-    sizes = ((0.0, "rad"), (0.015, "kg"), (0.0, "m"), (12.3456, "m"), (0.1, ""))
-    assert [quantity(*size) for size in sizes] == ["0°", "15 g", "0 mm", "12346 mm", "0.1"]
+    sizes = ((0.0, "rad"), (0.015, "kg"), (0.0, "m"), (5e-6, "m"), (12.3456, "m"), (0.1, ""))
+    said = ["0°", "15 g", "0 mm", "0.005 mm", "12346 mm", "0.1"]
+    assert [quantity(*size) for size in sizes] == said
 
 
 @pytest.mark.parametrize(

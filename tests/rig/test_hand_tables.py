@@ -100,12 +100,22 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, change: tuple[str, str], says
         from_table(table(tmp_path, TABLE.replace(*change)))
 
 
-def test_a_zero_in_counts_is_an_angle(tmp_path: Path) -> None:
+def test_a_zero_in_counts_is_an_angle_and_columns_have_names(tmp_path: Path) -> None:
     header = "joint,motor,low [deg],high [deg],counts,zero [count]"
-    rig = from_table(table(tmp_path, f"{header}\na,1,0,90,4096,1024\n")).rig
-    assert rig.sensors_of("position")[0].bias.value == pytest.approx(radians(90))
-    with pytest.raises(RigError, match="line 2: a zero in counts needs 'counts' of one turn"):
-        from_table(table(tmp_path, f"{header}\na,1,0,90,,1024\n"))
+    columns = "position_column,current_column,time_column"
+    row = "a,1,0,90,4096,1024,raw,amps,stamp [ms]"
+    rig = from_table(table(tmp_path, f"{header},{columns}\n{row}\n")).rig
+    position, current = rig.sensors_of("position")[0], rig.sensors_of("force")[0]
+    assert (position.log_column, current.log_column) == ("raw", "amps")
+    assert position.bias.value == pytest.approx(radians(90))
+    assert (rig.log.time.column, rig.log.time.unit) == ("stamp", "ms")
+    for cells, said in (
+        (",1024", "a zero in counts needs 'counts' of one turn"),
+        ("0,", "counts"),
+        ("1e400,", ".*not finite"),
+    ):
+        with pytest.raises(RigError, match=f"line 2: {said}"):
+            from_table(table(tmp_path, f"{header}\na,1,0,90,{cells}\n"))
 
 
 def test_an_empty_table_is_one_line(tmp_path: Path) -> None:
@@ -129,6 +139,8 @@ def written(tmp_path: Path, name: str, content: object) -> Path:
 def test_a_calibration_says_ratio_sign_and_zero(tmp_path: Path) -> None:
     config = written(tmp_path, "config.yaml", CONFIG)
     limits = {"motor_limits": {3: [1.0, 3.0], 1: [0.5, 2.5]}}
+    with pytest.raises(RigError, match="calibrated: false"):
+        from_orca(config, written(tmp_path, "calibration.yaml", limits | {"calibrated": False}))
     rig = from_orca(config, written(tmp_path, "calibration.yaml", limits)).rig
     drives = {drive.name: drive for drive in rig.drives}
     for name, joint, sign in (("motor_3", (-20, 90), 1), ("motor_1", (0, 100), -1)):
@@ -177,6 +189,8 @@ def test_the_map_of_a_revision_counts_where_it_is_that_one(tmp_path: Path) -> No
             {"joint_motor_travel_v21": {"mcp": None, "pip": 3}},
             "joint_motor_travel_v21.mcp: .*number, None came",
         ),
+        ({"joint_roms": {"mcp": [0, 10**400]}}, "input should be a valid number"),
+        ({"joint_roms": {"mcp": [-0.35, 1.66], "pip": [0, 1.83]}}, "in radians"),
     ],
 )
 def test_a_wrong_config_is_one_line(tmp_path: Path, change: dict[str, object], says: str) -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import contextlib
 import re
 from pathlib import Path
 
@@ -304,28 +303,6 @@ def test_any_positive_values_make_a_rig(values: dict[str, float]) -> None:
             part = part[int(key)] if key.isdigit() else part[key]  # type: ignore[index]
         assert (part["value"] if isinstance(part, dict) else part) == value
     assert rig.with_values({}) == rig
-
-
-json_like = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.text(max_size=8) | st.integers(),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3)
-    ),
-    max_leaves=6,
-)
-
-
-@given(
-    st.sampled_from(["joints", "drives", "tendons", "sensors", "log", "stepping", "name"]),
-    json_like,
-)
-def test_any_rubbish_is_refused_in_one_line(key: str, rubbish: object) -> None:
-    raw = load_rig("paper-2008-printed").model_dump()
-    raw[key] = rubbish
-    from distal.rig import build_rig
-
-    with contextlib.suppress(RigError):
-        assert isinstance(build_rig(raw, "rubbish"), Rig)
 
 
 def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:

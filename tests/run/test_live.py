@@ -17,7 +17,6 @@ from distal import (
     LiveEstimator,
     Log,
     Rig,
-    estimate,
     load_rig,
     load_scenario,
     make_estimator,
@@ -26,7 +25,6 @@ from distal import (
 )
 from distal.errors import EstimationError
 from distal.run import samples_of
-from tests.export.helpers import spoiled
 
 
 @pytest.fixture(scope="module")
@@ -37,39 +35,6 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def log(rig: Rig) -> Log:
     return simulate(rig, load_scenario("series-2"), 5)
-
-
-@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "interpreted"])
-@pytest.mark.parametrize("name", ["adaptive", "elastic"])
-def test_the_numbers_are_those_of_the_estimators_scan(
-    rig: Rig, log: Log, name: str, compiled: bool
-) -> None:
-    """Gaps and missing values included, to the last bit."""
-    bad = spoiled(log)
-    estimator = make_estimator(name, rig, compiled)
-    samples = samples_of(bad, estimator.channels)
-    live, belief = LiveEstimator(rig, estimator), estimator.initial(bad.time[0], samples[0])
-    means, covariances, innovations, variances = estimator.scan(
-        belief, bad.time[:240], samples[:240]
-    )
-    for k in range(240):
-        angle = live.step(float(bad.time[k]), samples[k])
-        assert angle == live.angle == means[k, 0]
-        np.testing.assert_array_equal(live.innovations, innovations[k])
-        np.testing.assert_array_equal(live.innovation_variances, variances[k])
-    np.testing.assert_array_equal(live.mean, means[-1])
-    np.testing.assert_array_equal(live.covariance, covariances[-1])
-    assert live.angle_std == np.sqrt(covariances[-1, 0, 0])
-    assert live.samples == 240
-
-
-def test_the_numbers_are_those_of_the_whole_log(rig: Rig, log: Log) -> None:
-    live = LiveEstimator(rig)
-    samples = samples_of(log, live.channels)
-    angles = [live.step(float(t), sample) for t, sample in zip(log.time, samples)]
-    np.testing.assert_allclose(angles, estimate(log, rig).theta, atol=1e-14)
-    live.reset()
-    assert live.step(float(log.time[0]), samples[0]) == angles[0]
 
 
 def test_no_memory_is_taken(rig: Rig, log: Log) -> None:

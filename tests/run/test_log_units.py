@@ -27,6 +27,14 @@ def rig_of(counts: int = 4096, sign: int = 1) -> Rig:
     return build_rig({**raw, "sensors": [encoder, current, *raw["sensors"][2:]]}, "counting joint")
 
 
+def in_radians(sign: int = 1) -> Rig:
+    """Return the same with a motor that reads radians and counts its turns."""
+    raw = rig_of(sign=sign).model_dump()
+    encoder, *others = raw["sensors"]
+    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
+    return build_rig({**raw, "sensors": [encoder, *others]}, "radians")
+
+
 def test_counts_and_milliamperes_become_si_by_name_and_in_order() -> None:
     units = LogUnits(rig_of(sign=-1))
     assert units.columns == ("motor_angle", "current")
@@ -125,11 +133,7 @@ def test_a_motor_that_counts_its_turns_may_count_anew_after_a_restart(
     turns: int, sign: int
 ) -> None:
     """In radians; a place that no turn brings into the joint's range is passed on as it is."""
-    raw = rig_of(sign=sign).model_dump()
-    encoder, *others = raw["sensors"]
-    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
-    rig = build_rig({**raw, "sensors": [encoder, *others]}, "radians")
-    units = LogUnits(rig, doubting=False)
+    units = LogUnits(in_radians(sign), doubting=False)
     assert units.sample(0.0, {"motor_angle": 0.3})[0] == pytest.approx(sign * 0.3)
     assert np.isnan(units.sample(0.1, {})[0])
     assert units.restarts == ()
@@ -180,7 +184,7 @@ def test_what_was_read_beyond_a_turn_counts_its_turns() -> None:
 
 def test_before_a_power_on_routine_the_range_changes_no_reading() -> None:
     """A motor with a broken tendon goes on beyond its range: its readings are what limits it."""
-    rig = build_rig({**rig_of().model_dump()}, "counting joint")
+    rig = rig_of()
     units = LogUnits(rig, ranged=False)
     turns = np.linspace(0.0, 3.0, 300)
     read = [units.sample(0.01 * k, [4096 * turn % 4096, 0.0])[0] for k, turn in enumerate(turns)]
@@ -192,10 +196,7 @@ def test_before_a_power_on_routine_the_range_changes_no_reading() -> None:
 
 def test_a_restart_stays_undone_when_readings_span_a_turn() -> None:
     """A motor that counts from another turn reads more than a turn, and moved by a tenth."""
-    raw = rig_of().model_dump()
-    encoder, *others = raw["sensors"]
-    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
-    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "radians"))
+    units = LogUnits(in_radians())
     units.sample(0.0, {"motor_angle": 0.3})
     assert units.sample(0.2, {"motor_angle": 0.4 + 2 * pi})[0] == pytest.approx(0.4)
     assert units.restarts == ("motor",)
@@ -207,10 +208,7 @@ def test_a_restart_stays_undone_when_readings_span_a_turn() -> None:
 @pytest.mark.parametrize(("gap", "restarted"), [(0.01, False), (0.2, True)])
 def test_a_motor_that_was_not_silent_did_not_restart(gap: float, restarted: bool) -> None:
     """What leaps by a turn between two samples is a wrong reading, and no goal may follow it."""
-    raw = rig_of().model_dump()
-    encoder, *others = raw["sensors"]
-    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
-    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "radians"))
+    units = LogUnits(in_radians())
     units.sample(0.0, {"motor_angle": 0.3})
     units.sample(gap, {"motor_angle": 0.3 + 2 * pi})
     assert units.restarts == (("motor",) if restarted else ())

@@ -22,6 +22,7 @@ from distal import (
 from distal.estimators import AdaptiveFilter, StateKind, first_values
 from distal.run import samples_of
 from distal.simulation import build_scenario
+from tests.estimators.adaptive.test_hysteresis import sprung_capstan
 from tests.helpers import rms_degrees
 from tests.support.cases import (
     INTO_STOPS,
@@ -138,19 +139,6 @@ def test_it_is_the_expectation_given_the_whole_log() -> None:
     assert np.abs((result.theta - estimate(log, rig).theta) / result.theta_std).max() > 0.05
 
 
-@pytest.mark.more
-@pytest.mark.slow
-def test_it_is_no_less_sure_and_no_worse() -> None:
-    rig = paper_rig("as the rig")
-    logs = [paper_log("servo", "friction +20 %", seed) for seed in range(6)]
-    filtered, smoothed = [estimate(log, rig) for log in logs], [smooth(log, rig) for log in logs]
-    for one, other in zip(filtered, smoothed):
-        np.testing.assert_allclose(other.theta[-1], one.theta[-1], rtol=1e-9)
-        assert np.all(other.theta_std <= one.theta_std * (1 + 1e-6))
-    assert pooled(smoothed)[0] < pooled(filtered)[0]
-    assert pooled(smoothed)[1] > 0.85
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
@@ -194,21 +182,7 @@ def test_spoiled_logs(kinds: tuple[str, ...]) -> None:
 
 @pytest.mark.slow
 def test_a_capstan_with_hysteresis() -> None:
-    values = {
-        "drives.0.hysteresis": {"constant": 0.03, "error": 2e-3},
-        "drives.0.friction.constant": {"value": 0.0, "std": 0.0},
-        "drives.0.friction.load": {"value": 0.0, "std": 0.0},
-        "joints.0.friction.coefficient": {"value": 0.0, "std": 0.0},
-        "joints.0.damping": 2e-2,
-        "joints.0.spring": {"stiffness": 0.3},
-        "joints.0.external_torque.std": 0.1,
-        **{
-            f"tendons.{i}.{name}.std": 0.0
-            for i in (0, 1)
-            for name in ("stiffness.shared", "pretension")
-        },
-    }
-    rig = load_rig("capstan-joint").with_values(values)
+    rig = sprung_capstan()
     servo = {"angle": {"amplitude": 0.7, "frequency": 0.2}, "stiffness": 40.0, "damping": 0.5}
     raw = {"rig": "capstan-joint", "duration": 8.0, "drives": {"motor": {"servo": servo}}}
     logs = [simulate(rig, build_scenario(raw, "slow"), seed) for seed in range(3)]

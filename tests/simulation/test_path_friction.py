@@ -90,35 +90,3 @@ def test_stiction_holds_longer() -> None:
         pull = log.truth["force_left"][int(np.argmax(turned))]
         starts.append((pull - 4.0) / (pull + 4.0))  # load over what the friction grows with
     assert starts[1] / starts[0] == pytest.approx(1.5, rel=0.06)
-
-
-def test_a_linkage_turns_by_its_excursion() -> None:
-    """A joint that two stiff tendons hold follows e(θ) = x: the ratio varies with the angle."""
-    linkage = {"kind": "linkage", "radius": "9.53 mm", "slope": 0.4, "curvature": -0.3}
-    values = {f"tendons.{i}.insertion": linkage for i in (0, 1)}
-    values |= {f"tendons.{i}.stiffness": {"value": 2e4, "std": 0.0} for i in (0, 1)}
-    rig = load_rig("pulley-antagonist").with_values(
-        {**values, "joints.0.friction.coefficient.value": 0.01}
-    )
-    servo = {"stiffness": 5e4, "damping": 20.0}
-    raw = {
-        "rig": "pulley-antagonist",
-        "duration": 4.0,
-        "drives": {
-            "left": {
-                "servo": {"position": {"mean": 1e-3, "amplitude": 5e-3, "frequency": 0.25}, **servo}
-            },
-            "right": {
-                "servo": {
-                    "position": {"mean": 1e-3, "amplitude": -5e-3, "frequency": 0.25},
-                    **servo,
-                }
-            },
-        },
-    }
-    log = simulate(rig, build_scenario(raw, "swing"), 1)
-    theta = log.truth["theta"]
-    drawn = 9.53e-3 * (theta + 0.2 * theta**2 - 0.1 * theta**3)
-    driven = (log.truth["position_left"] - log.truth["position_right"]) / 2
-    assert np.ptp(theta) > 0.8
-    assert np.max(np.abs(drawn - driven)) < 1e-4  # what friction stretches the tendons by

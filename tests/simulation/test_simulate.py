@@ -172,15 +172,6 @@ def test_linear_and_sine_signals(paper_rig: Rig) -> None:
     )
 
 
-def test_zero_noise_is_allowed(paper_rig: Rig) -> None:
-    loaded = load_scenario("series-2")
-    quiet = {
-        f"sensors.{s}.{e}": 0.0 for s in ("x1", "x2", "u1", "u2") for e in ("noise", "linearity")
-    }
-    log = simulate(scenario_rig(loaded).with_values(quiet), loaded)
-    np.testing.assert_allclose(log.channels["x1"], log.truth["position_left"], atol=1e-12)
-
-
 REFUSED = [
     (
         'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.lft]\nweight = 2.0',
@@ -213,13 +204,12 @@ REFUSED = [
         "plant: .*unknown key 'frction'",
     ),
     ('rig = "paper-2008-printed"\nduration = "-8 s"', "duration: must be positive"),
-    ('rig = "paper-2008-printed"\nduration = "1 us"', "no scenario|shorter|None"),
     ('rig = "paper-2008-printed"\n', "duration: is missing"),
     ('duration = "8 s"\n', "rig: is missing"),
 ]
 
 
-@pytest.mark.parametrize(("text", "said"), REFUSED[:-3] + REFUSED[-2:])
+@pytest.mark.parametrize(("text", "said"), REFUSED)
 def test_wrong_scenarios_are_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ScenarioError, match=said) as caught:
         simulate("paper-2008-printed", scenario(text, tmp_path))

@@ -15,7 +15,6 @@ from distal.reports import study_report
 from distal.study import Plan, Space, space_of
 from distal.study.answer import Answer, Verdict, answer_of, proportion
 from distal.study.runs import MEASURES, Columns
-from distal.units import quantity
 from tests.study.plans import small
 
 STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
@@ -32,27 +31,6 @@ def test_the_interval_of_a_share_is_wilsons() -> None:
     assert found.low == pytest.approx(centre - half, abs=1e-6)
     assert found.high == pytest.approx(centre + half, abs=1e-6)
     assert str(found) == "97 % (95 % interval 92 to 99 %)"
-
-
-def test_intervals_hold_the_share_as_often_as_they_say() -> None:
-    rng = np.random.default_rng(4)
-    found = [proportion(rng.uniform(size=200) < 0.9) for _ in range(400)]
-    assert np.mean([one.low <= 0.9 <= one.high for one in found]) == pytest.approx(0.95, abs=0.03)
-
-
-def test_numbers_are_written_as_people_write_them() -> None:
-    said = [
-        quantity(*one)
-        for one in (
-            (4470.0, "N/m"),
-            (0.3, "N"),
-            (5e-6, "m"),
-            (0.0095, "m"),
-            (0.0175, "rad"),
-            (0.5, ""),
-        )
-    ]
-    assert said == ["4.47 kN/m", "300 mN", "0.005 mm", "9.5 mm", "1°", "0.5"]
 
 
 def made(plan: Plan, space: Space, rms: np.ndarray) -> Columns:

@@ -103,12 +103,6 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
         open_folder(small(), tmp_path)
 
 
-def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be made"):
-        open_folder(small(), tmp_path / "file")
-
-
 def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = many()
     folder, calls = open_folder(plan, tmp_path), list[int]()

@@ -468,18 +468,6 @@ def test_a_drift_of_the_rig_file_is_how_a_parameter_walks() -> None:
     assert abs(walked.means[-1, i] - 0.6) < abs(kept.means[-1, i] - 0.6)
 
 
-def test_a_bias_may_walk_too() -> None:
-    log, base = log_of("servo", "as the rig", 0), paper_rig("as the rig")
-    ends = []
-    for drift in (0.0, 0.5):
-        result = estimate(
-            log, base.with_values({"sensors.u1.bias": {"value": 0.0, "std": 1.0, "drift": drift}})
-        )
-        i = result.state_names.index("bias_u1")
-        ends.append(result.covariances[-1, i, i])
-    assert ends[1] > 2 * ends[0]
-
-
 def test_a_prior_follows_the_numbers_that_are_inputs() -> None:
     """A filter with numbers as inputs begins where the filter of a rig with these numbers does."""
     rig = load_rig("capstan-joint").with_values({"joints.0.external_torque.std": 0.05})

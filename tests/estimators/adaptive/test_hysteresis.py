@@ -37,11 +37,8 @@ def test_moments_of_a_clipped_normal(low: float, width: float, mean: float, std:
 LIMIT = 0.03
 
 
-@pytest.fixture(scope="module")
-def rig() -> Rig:
-    """A capstan joint whose only friction is inside its transmission, and whose joint a spring
-    holds.
-    """
+def sprung_capstan() -> Rig:
+    """Return a joint held by a spring, whose only friction is inside its capstan drive."""
     values = {
         "drives.0.hysteresis": {"constant": LIMIT, "error": 2e-3},
         "drives.0.friction.constant": {"value": 0.0, "std": 0.0},
@@ -57,6 +54,11 @@ def rig() -> Rig:
         },
     }
     return load_rig("capstan-joint").with_values(values)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return sprung_capstan()
 
 
 def slow(rig: Rig, seed: int = 1, **plant: object):
@@ -139,25 +141,3 @@ def test_a_held_value_is_taken_as_it_is(rig: Rig) -> None:
     assert not any("stiffness" in name for name in estimate(log, held).state_names)
     with pytest.raises(RigError, match="hold: input should be a valid boolean"):
         sure.with_values({"tendons.0.stiffness": {"value": 1e4, "hold": "yes"}})
-
-
-def test_a_current_is_a_torque(tmp_path) -> None:
-    """With K_t, a log may hold the motor's current: τ = K_t i, there and back."""
-    from distal import read_log, write_log
-
-    rig = load_rig("capstan-joint").with_values(
-        {"sensors.motor_torque.torque_constant": "50 mN m/A", "sensors.motor_torque.unit": "mA"}
-    )
-    log = slow(load_rig("capstan-joint"))
-    write_log(log, rig, tmp_path / "log.csv")
-    header, first = (tmp_path / "log.csv").read_text().splitlines()[:2]
-    column = header.split(",").index("motor_torque")
-    assert float(first.split(",")[column]) == pytest.approx(
-        log.channels["motor_torque"][0] / 0.05 * 1e3
-    )
-    again = read_log(tmp_path / "log.csv", rig)
-    np.testing.assert_allclose(
-        again.channels["motor_torque"], log.channels["motor_torque"], rtol=1e-12
-    )
-    with pytest.raises(RigError, match="unit"):
-        rig.with_values({"sensors.motor_torque.unit": "N m"})

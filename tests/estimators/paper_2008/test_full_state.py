@@ -246,10 +246,3 @@ def test_the_kinds_of_its_states_are_known() -> None:
     assert found["theta_dot"] == (StateKind.SPEED, "link")
     assert found["position_left"] == found["velocity_left"] == (StateKind.OTHER, "left")
     assert external_torques_of(estimator) == {}
-
-
-def test_a_name_that_is_nearly_one_of_them_names_it() -> None:
-    with pytest.raises(
-        EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"
-    ):
-        make_estimator("ekf-2009", load_rig("paper-2008-printed"))
