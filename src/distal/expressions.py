@@ -53,5 +53,7 @@ def symbols(kind: type[Expression], /, **sizes: int | tuple[int, int]) -> list[E
 
 
 def dense_function(name: str, inputs: Sequence[Vector], outputs: Sequence[Matrix]) -> ca.Function:
-    """Return a function whose outputs have all their entries, and which computes nothing twice."""
+    """Return a function of some `inputs` whose `outputs` have all their entries, and which computes
+    nothing twice.
+    """
     return ca.Function(name, inputs, ca.cse([ca.densify(output) for output in outputs]))

@@ -174,13 +174,12 @@ class Equations:
         p = mechanism.parameters.symbols
         at = ca.SX.sym("q", mechanism.n_bodies)
         step = ca.SX.sym("dt")
-        plays = ca.SX(0, 1)
-        strains = inside[len(mechanism.plays) :]
+        plays = strains = ca.SX(0, 1)
         if inside.numel():
             moved = ca.vertcat(*mechanism.internal_state(at).inside)
             plays = ca.Function("moved", [at, p], [moved])(q, self._remembering(inside))
         if mechanism.strains:
-            before = self._remembering(ca.vertcat(plays, strains))
+            before = self._remembering(ca.vertcat(plays, inside[len(mechanism.plays) :]))
             crept = ca.vertcat(*mechanism.crept(at, step))
             strains = ca.Function("crept", [at, step, p], [crept])(q, dt, before)
         return ca.vertcat(plays, strains)

@@ -475,8 +475,9 @@ def left_out(parts: Sequence[Equations]) -> list[Floats]:
 
 
 def with_errors(matrix: Floats, target: Floats, window: int) -> tuple[Floats, Floats]:
-    """Return this solution and its standard errors, (n,) each, where the samples of a `window`,
-    over which both sides are smoothed, count as one.
+    """Return this solution of a `matrix`, (n_samples, n), for a `target`, (n_samples,), and its
+    standard errors, (n,) each, where the samples of a `window`, over which both sides are smoothed,
+    count as one.
     """
     solution = scaled_solution(matrix, target)
     left = rms(target - matrix @ solution)

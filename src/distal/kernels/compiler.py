@@ -159,6 +159,8 @@ def source_stamp() -> str:
 
 def sizes_of(function: ca.Function) -> Sizes:
     """Return the lengths of the kernel state, x, p and y of a function of these."""
+    # C would write behind the end of an array
+    assert function.numel_out(0) == function.numel_in(0), function
     return Sizes._make([*(function.numel_in(i) for i in range(3)), function.numel_out(1)])
 
 

@@ -289,7 +289,13 @@ class Watch:
         came = self.sample.parts(current)
         remembered: dict[str, Vector] = {"learned": ca.SX(0, 1)}
         flags: dict[str, Vector] = {"unlike": unlike}
-        for part in (self.silent, self.misplaced, self.contradicting, self.paced, self.ended):
+        for part in (
+            self._silent,
+            self._misplaced,
+            self._contradicting,
+            self._paced,
+            self._ended,
+        ):
             after, found = part(was, came)
             remembered |= after
             flags |= found
@@ -311,7 +317,7 @@ class Watch:
         since = ca.if_else(known, dt, self.estimator.interval)
         return ca.fmin(since / self.limits.memory, 1)
 
-    def silent(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+    def _silent(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return which sensors are missing, dead or stuck."""
         first, dt, mask = (came[name] for name in ("first", "dt", "mask"))
         # a sensor without a first value is missing from the beginning; a known angle, which homes,
@@ -337,7 +343,7 @@ class Watch:
             "stuck": noisy * mask * (same >= silence - ROUNDING),
         }
 
-    def misplaced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+    def _misplaced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return which positions are where drives cannot be, and where no log has been."""
         rig = self.estimator.rig
         at = list(self.placed)
@@ -353,7 +359,7 @@ class Watch:
             "outside": self.redundancy.outside(came["values"], came["mask"]),
         }
 
-    def contradicting(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+    def _contradicting(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return which innovations are too large, which numbers of the rig left their priors,
         whether a joint is touched, and whether its angle is unknown.
         """
@@ -375,7 +381,7 @@ class Watch:
             "left": away > LARGE_PRIOR * std,
         }
 
-    def paced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+    def _paced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return whether samples are missing before this one, or come too fast. Stamps of another
         rate than the rig's are no gaps; before the first interval the pace is 0.
         """
@@ -392,7 +398,7 @@ class Watch:
             "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         }
 
-    def ended(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
+    def _ended(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return by how much joints are beyond the ends of their ranges."""
         visits = [
             _at_end(

@@ -163,8 +163,11 @@ class Redundancy:
         return "" if not jumped else "{1} jumped {0:.2g} s ago".format(*min(jumped))
 
     def likely_cause(self, memory: Floats, interval: float) -> str:
-        """Return what forces that are not those of free motion most likely come of, in words, for
-        samples that come at an `interval` [s].
+        """Return what forces that are not those of free motion most likely come of, in words.
+
+        Args:
+            memory: what is remembered.
+            interval: between samples [s].
         """
         repeats = self._remembered(memory, "repeats")
         same = [name for name, count in repeats.items() if count * interval > INDEPENDENT]

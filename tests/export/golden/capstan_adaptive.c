@@ -952,8 +952,10 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   substep(w + 22, w + 24, w + 27, w + 99, w + 28, w, w + 29, a2, w + 18, w + 20, w + 102, w + 103, w + 81, w + 155);
   substep(w + 18, w + 20, w + 27, w + 99, w + 28, w, w + 29, a2, w + 22, w + 24, w + 104, w + 105, w + 90, w + 156);
   substep(w + 22, w + 24, w + 27, w + 99, w + 28, w, w + 29, a2, w + 18, w + 20, w + 157, w + 158, w + 119, w + 159);
-  state[0] = w[18];
-  state[1] = w[20];
+  w[0] = w[18];
+  w[1] = w[20];
+  state[0] = w[0];
+  state[1] = w[1];
   rows(state, w + 106, w + 26, a1, a2, w + 144, w + 149, w + 137, 0);
   for (i = 0; i < 64; ++i) w[i] = state[8 + i];
   for (i = 0; i < 8; ++i) w[64 + i] = 0.0f;
