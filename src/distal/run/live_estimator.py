@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, nan
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -57,35 +57,47 @@ class JointContact:
     since: float
 
 
-class JointAngles:
-    """What has `angles` of joints [rad] and their `angle_stds`, with those of the only joint."""
+class OfJoints(Protocol):
+    """What has angles of joints and their standard deviations, (n_joints,) each [rad]."""
 
     @property
-    def angle(self) -> float:
+    def angles(self) -> Floats | tuple[float, ...]:
+        """Angles of the joints."""
+
+    @property
+    def angle_stds(self) -> Floats | tuple[float, ...]:
+        """Standard deviations of their errors."""
+
+
+class JointAngles:
+    """The angle of the only joint, and its standard deviation."""
+
+    @property
+    def angle(self: OfJoints) -> float:
         """Angle of the joint [rad].
 
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only("angle")
+        return _only(self.angles, "angle")
 
     @property
-    def angle_std(self) -> float:
+    def angle_std(self: OfJoints) -> float:
         """Standard deviation of the error of the joint's angle [rad].
 
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only("angle_std")
+        return _only(self.angle_stds, "angle_std")
 
-    def _only(self, name: str) -> float:
-        """Return the value of the only joint, of what has a `name` with an s for all of them."""
-        values = getattr(self, f"{name}s")
-        if len(values) != 1:
-            raise EstimationError(
-                f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
-            )
-        return float(values[0])
+
+def _only(values: Floats | tuple[float, ...], name: str) -> float:
+    """Return the value of the only joint, of what has a `name` with an s for all of them."""
+    if len(values) != 1:
+        raise EstimationError(
+            f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
+        )
+    return float(values[0])
 
 
 class Remembered(NamedTuple):
