@@ -13,7 +13,7 @@ import os
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -298,22 +298,15 @@ def estimate_command(
             raise EstimationError("--into is of one dataset, with --rig, --set and --unit alone")
         with_dataset(logs[0], rig_of_logs((), rig, set_)[0], into, unit)
         return
-    if out is None and (unit is not None or every):
-        raise EstimationError(
-            f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
-        )
+    if out is None:
+        of_file = {"--all": every, "--unit": unit is not None}
+        _check_given(of_file, "is about the file of --out, which is not given")
     asked = estimator or []
     home = homing_time(homing)
-    if smooth and home is not None:
-        raise EstimationError(
-            "--smooth uses the whole log and --homing its beginning; give one of them"
-        )
-    if smooth and set(asked) - {"adaptive"}:
-        raise EstimationError(
-            f"--smooth is of adaptive; leave out -e {', '.join(asked)}, or --smooth"
-        )
+    _check_smoothing(smooth, asked, home)
     sources = sources_of(logs)
     several = sources != logs[:1]
+    panels: tuple[str, ...] = ()
     if several:
         for_one = {
             "--homing-angle": homing_angle,
@@ -323,11 +316,7 @@ def estimate_command(
             "--findings": findings,
             "a second --estimator": asked[1:],
         }
-        wrong = [option for option, given in for_one.items() if given]
-        if wrong:
-            raise EstimationError(
-                f"{', '.join(wrong)} is for one log, {len(sources)} came; give one log"
-            )
+        _check_given(for_one, f"is for one log, {len(sources)} came; give one log")
         outputs = estimates_of(sources, out)
     else:
         drawn = dict.fromkeys(panel or ())
@@ -367,27 +356,41 @@ def estimate_command(
     with working("writing"):
         write_together(files)
     files.clear()  # of a log of hours the columns are large
-    if comparison.rows:
-        read = "not read" if homing_angle else "used"
-        used = (
-            f"; {read} for the first {home:g} s, compared with afterwards"
-            if home is not None
-            else ""
+    _say_truth(comparison, str(origin), home, "not read" if homing_angle else "used")
+    written = (out, plot)
+    _say(comparison, log, description, home, what_if=what_if, findings=findings, written=written)
+
+
+def _check_given(options: Mapping[str, object], why: str) -> None:
+    """Raise an `EstimationError` where options are given that cannot be."""
+    wrong = [option for option, given in options.items() if given]
+    if wrong:
+        raise EstimationError(f"{', '.join(wrong)} {why}")
+
+
+def _check_smoothing(smooth: bool, asked: Sequence[str], home: float | None) -> None:
+    """Raise an `EstimationError` where another option asks for what smoothing is not."""
+    if smooth and home is not None:
+        raise EstimationError(
+            "--smooth uses the whole log and --homing its beginning; give one of them"
         )
-        say(f"truth: {origin}{used}")
-        say_errors(comparison)
-    else:
+    if smooth and set(asked) - {"adaptive"}:
+        raise EstimationError(
+            f"--smooth is of adaptive; leave out -e {', '.join(asked)}, or --smooth"
+        )
+
+
+def _say_truth(comparison: Comparison, origin: str, home: float | None, read: str) -> None:
+    """Say how far the estimates are from the truth, or why there are none."""
+    if not comparison.rows:
         for reason in comparison.failed.values():
             failure(reason)
-    _say(
-        comparison,
-        log,
-        description,
-        home,
-        what_if=what_if,
-        findings=findings,
-        written=(out, plot),
-    )
+        return
+    used = ""
+    if home is not None:
+        used = f"; {read} for the first {home:g} s, compared with afterwards"
+    say(f"truth: {origin}{used}")
+    say_errors(comparison)
 
 
 def with_dataset(dataset: Path, rig: Rig, into: Path, unit: str | None) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, reduce
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -243,48 +244,17 @@ def reporting_function(
     masks *= believed
     # what the logs taught of the filter's errors holds neither in a touch nor after a jump
     opened = reduce(ca.fmax, (following[at] for at in touched), 4 * chance * (1 - chance))
+    sample = _Sample(x, readings, elsewhere, masks, doubts, chance, opened, following, of_joints)
     for placed in maps:
-        channels, states, homes = map(list, (placed.channels, placed.states, placed.homes))
-        beside_filter = placed.learned.beside_filter
-        read_by_map: list[VectorNode] = [
-            readings[i] if positions[i] is None or not beside_filter else following[positions[i]]
-            for i in channels
-        ]
-        angles = following[states]
-        of_filter = following[[variances[i] for i in states]]
-        if placed.shape.angles:
-            read_by_map.append(angles)
-        arguments = [
+        answer, after = _answer(
+            placed,
+            sample,
             kernel_state[at : at + placed.size],
-            x[0],
-            ca.vertcat(*read_by_map),
-            (x[1 + width :] if beside_filter else masks)[channels],
             p[number : number + placed.parameters],
-            doubts[channels],
-            elsewhere[channels],
-            chance,
-        ]
-        function = map_function
-        if homes:
-            function = homed_function
-            given = x[[1 + i for i in homes]]
-            is_given = is_read(x[[1 + width + i for i in homes]])
-            if beside_filter:
-                arguments += [given - angles, is_given, of_filter]
-            else:
-                arguments += [given, is_given, ca.MX.zeros(len(homes))]
-        values, gains, spreads, after = function(placed.shape, placed.joints, beside_filter)(
-            *arguments
+            positions,
+            variances,
         )
-        if beside_filter:
-            # while touched, nobody knows whether the map still holds
-            spreads = spreads + opened * values**2 + of_joints[states]
-            gains = (1 - opened) * gains + opened
-            values = angles + values
-        else:
-            gains = ca.MX.zeros(len(states))
-        variance = gains**2 * of_filter + spreads
-        answers.setdefault(placed.states, []).append((values, gains, spreads, variance))
+        answers.setdefault(placed.states, []).append(answer)
         memories.append(after)
         at += placed.size
         number += placed.parameters
@@ -298,6 +268,86 @@ def reporting_function(
     reports = [part for of_states in answers.values() for part in _pooled(opened, *of_states)]
     outputs = [ca.vertcat(following, *memories), ca.vertcat(y, *reports)]
     return ca.Function("reporting", inputs, outputs)
+
+
+class _Sample(NamedTuple):
+    """A sample for maps.
+
+    Args:
+        x: the row of the kernel.
+        readings: of the channels, if the last jumps were none of the drives.
+        elsewhere: the same if they were real.
+        masks: of those that are believed.
+        doubts: variances of readings beside that.
+        chance: that the jumps were real.
+        opened: the largest share of a touch or a jump, with which maps beside the filter are open.
+        following: the filter's kernel state after the sample.
+        of_joints: variances of joints by jumps.
+    """
+
+    x: VectorNode
+    readings: VectorNode
+    elsewhere: VectorNode
+    masks: VectorNode
+    doubts: VectorNode
+    chance: VectorNode
+    opened: VectorNode
+    following: VectorNode
+    of_joints: VectorNode
+
+
+def _answer(
+    placed: ReportedMap,
+    sample: _Sample,
+    memory: VectorNode,
+    parameters: VectorNode,
+    positions: Sequence[int | None],
+    variances: Sequence[int],
+) -> tuple[tuple[VectorNode, ...], VectorNode]:
+    """Return what a map says of a sample, (values, gains, added variances, variances), and its
+    memory⁺; see `reporting_function`.
+    """
+    x = sample.x
+    following = sample.following
+    width = (x.numel() - 1) // 2
+    channels, states, homes = map(list, (placed.channels, placed.states, placed.homes))
+    beside_filter = placed.learned.beside_filter
+    read: list[VectorNode] = []
+    for i in channels:
+        tracked = positions[i] if beside_filter else None
+        read.append(sample.readings[i] if tracked is None else following[tracked])
+    angles = following[states]
+    of_filter = following[[variances[i] for i in states]]
+    if placed.shape.angles:
+        read.append(angles)
+    arguments = [
+        memory,
+        x[0],
+        ca.vertcat(*read),
+        (x[1 + width :] if beside_filter else sample.masks)[channels],
+        parameters,
+        sample.doubts[channels],
+        sample.elsewhere[channels],
+        sample.chance,
+    ]
+    function = map_function
+    if homes:
+        function = homed_function
+        given = x[[1 + i for i in homes]]
+        is_given = is_read(x[[1 + width + i for i in homes]])
+        if beside_filter:
+            arguments += [given - angles, is_given, of_filter]
+        else:
+            arguments += [given, is_given, ca.MX.zeros(len(homes))]
+    values, gains, spreads, after = function(placed.shape, placed.joints, beside_filter)(*arguments)
+    if beside_filter:
+        # while touched, nobody knows whether the map still holds
+        spreads = spreads + sample.opened * values**2 + sample.of_joints[states]
+        gains = (1 - sample.opened) * gains + sample.opened
+        values = angles + values
+    else:
+        gains = ca.MX.zeros(len(states))
+    return (values, gains, spreads, gains**2 * of_filter + spreads), after
 
 
 def _pooled(

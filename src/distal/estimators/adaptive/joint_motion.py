@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -44,6 +45,7 @@ from distal.model import (
     soft_moments,
     solver,
 )
+from distal.model.stepping import Kicked
 
 
 def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
@@ -120,6 +122,78 @@ class Moving:
     rest: Vector
 
 
+class Softened(NamedTuple):
+    """A sub-step's equation with the expectation over what pushes joints and rubs on them.
+
+    Args:
+        matrix: of the joints' speeds.
+        stiffness: of contacts with stops.
+        damping: of these.
+        weight: square root of the share with which each joint slips.
+        forward: friction limit against motion forward.
+        back: the same backward.
+        rest: chance that each joint rests.
+    """
+
+    matrix: Matrix
+    stiffness: Vector
+    damping: Vector
+    weight: Vector
+    forward: Vector
+    back: Vector
+    rest: Vector
+
+
+def _softened(
+    context: FilterContext,
+    kick: Kick,
+    kicked: Kicked,
+    stds: Vector,
+    pushed: Sequence[int],
+    doubted: Sequence[int],
+) -> Softened:
+    """Return the equation of a sub-step, see `moving`, where a torque may act or friction is known
+    to a factor only.
+    """
+    free = context.mechanism.free
+    count = len(free)
+    weight, forward, back = (
+        ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back")
+    )
+    after = kicked.v[free]
+    rest = [ca.SX(0)] * context.n_joints
+    matrix = ca.SX(kicked.matrix)
+    load = kicked.load
+    stiffness = ca.SX(kicked.contacts.stiffness)
+    damping = ca.SX(kicked.contacts.damping)
+    for k, j in enumerate(free):
+        if j not in pushed and j not in doubted:
+            continue
+        pressing = ca.SX(0)
+        if j in pushed:
+            # a hand may take the joint off its stop: the expectation does without it
+            pressing = stiffness[k] * (kick.q[j] - kicked.contacts.position[k])
+            matrix[k, k] -= damping[k]
+            stiffness[k] = 0
+            damping[k] = 0
+        # what a joint feels beside its own inertia: the others move as they do
+        mass = matrix[k, k]
+        felt = (
+            load[k]
+            + pressing
+            - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
+        )
+        limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
+        moments = soft_moments(felt / mass, limit, kick.length * stds[j] / mass + TINY_STD)
+        share = ca.fmax(moments.slope, 1e-12)
+        weight[k] = ca.sqrt(share)
+        forward[k] = moments.forward / share
+        back[k] = moments.back / share
+        rest[j] = moments.rest
+    joined = (ca.vertcat(*parts) for parts in (weight, forward, back, rest))
+    return Softened(matrix, stiffness, damping, *joined)
+
+
 def moving(
     context: FilterContext,
     kick: Kick,
@@ -147,40 +221,8 @@ def moving(
     kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
     count = len(mechanism.free)
     length = kick.length
-    free = mechanism.free
-    weight, forward, back = (
-        ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back")
-    )
-    after = kicked.v[free]
-    rest = [ca.SX(0)] * nj
-    matrix = ca.SX(kicked.matrix)
-    load = kicked.load
-    stiffness = ca.SX(kicked.contacts.stiffness)
-    damping = ca.SX(kicked.contacts.damping)
-    for k, j in enumerate(free):
-        if j not in pushed and j not in doubted:
-            continue
-        pressing = ca.SX(0)
-        if j in pushed:
-            # a hand may take the joint off its stop: the expectation does without it
-            pressing = stiffness[k] * (kick.q[j] - kicked.contacts.position[k])
-            matrix[k, k] -= damping[k]
-            stiffness[k] = 0
-            damping[k] = 0
-        # what a joint feels beside its own inertia: the others move as they do
-        mass = matrix[k, k]
-        felt = (
-            load[k]
-            + pressing
-            - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
-        )
-        limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
-        moments = soft_moments(felt / mass, limit, length * stds[j] / mass + TINY_STD)
-        share = ca.fmax(moments.slope, 1e-12)
-        weight[k] = ca.sqrt(share)
-        forward[k] = moments.forward / share
-        back[k] = moments.back / share
-        rest[j] = moments.rest
+    after = kicked.v[mechanism.free]
+    soft = _softened(context, kick, kicked, stds, pushed, doubted)
     unknown = symbols(
         ca.SX,
         after=count,
@@ -207,7 +249,7 @@ def moving(
     )
     # what the equation takes as given
     inertias = damped_inertias(mechanism, ca.diag(mechanism.mass_matrix(q)), length)
-    pushes = [stiffness, damping, kicked.contacts.position]
+    pushes = [soft.stiffness, soft.damping, kicked.contacts.position]
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     slopes = [
         ca.jacobian(equation, argument)
@@ -220,15 +262,15 @@ def moving(
     by_contact = ca.jacobian(equation, ca.vertcat(*contact))
     by_stops = ca.jacobian(ca.vertcat(*pushes), p.symbols[stops])
     slopes[2][:, stops] += ca.mtimes(by_contact, by_stops)
-    solution = [after, ca.vertcat(*forward), ca.vertcat(*back), *pushes, kicked.damped]
+    solution = [after, soft.forward, soft.back, *pushes, kicked.damped]
     slopes = ca.substitute(slopes, unknown, [ca.densify(part) for part in solution])
-    solve = solver(matrix, ca.vertcat(*weight))
+    solve = solver(soft.matrix, soft.weight)
     inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
     slopes = [ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes]
     by_position, by_speed, by_parameter, by_torque = slopes
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     v = ca.vertcat(kicked.v, kick.v[nj:])
-    return Moving(q, v, by_position, by_speed, by_parameter, by_torque, ca.vertcat(*rest))
+    return Moving(q, v, by_position, by_speed, by_parameter, by_torque, soft.rest)
 
 
 @dataclass(frozen=True)

@@ -446,7 +446,6 @@ def uncertain_parameters(context: FilterContext) -> list[State]:
     state of mean 1, whose std is that of its logarithm.
     """
     p = context.mechanism.parameters
-    rig = context.rig
     values, factors, deviations = (list[State]() for _ in range(3))
     seen = [
         i
@@ -454,103 +453,108 @@ def uncertain_parameters(context: FilterContext) -> list[State]:
         if p.stds[i] > 0.0 and not _without_effect(context, name, p.stds[i])
     ]
     sharing = {i for _, indices in p.shared.values() for i in indices}
-
-    def walk(i: int, std: float, scale: float = 1.0) -> float:
-        return (
-            context.robustness.parameter_walk * std
-            if np.isnan(p.drifts[i])
-            else float(p.drifts[i]) / scale
-        )
-
-    def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> State:
-        first = p.names[indices[0]]
-        path = f"{name}.factor"
-        words = f"common factor of {name}" if name in p.shared else in_words(rig, path)
-        rough = known_to_a_factor(first, 1.0, relative)
-        logarithmic = rough and number(rig, first).quantity.bound == "positive"
-        mean, spread = (
-            (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
-        )
-        # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that
-        # are hardly known")
-        return State(
-            words,
-            StateKind.PARAMETER,
-            named(rig, path),
-            mean,
-            spread,
-            indices=tuple(indices),
-            acts="factor",
-            walk=walked,
-            lowest=SMALLEST_FACTOR,
-            unidentified=rough,
-        )
-
     for i in seen:
         name = p.names[i]
         value = float(p.values[i])
         std = float(p.independent_stds[i])
-        kind = name.split(".", 2)[2]
+        of_tendon = name.startswith("tendons.") and name.endswith((".stiffness", ".damping"))
         if i in sharing:
             if std > 0.0:
-                lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
-                path = f"{name}.deviation"
-                deviations.append(
-                    State(
-                        in_words(rig, path),
-                        StateKind.PARAMETER,
-                        named(rig, path),
-                        0.0,
-                        std,
-                        indices=(i,),
-                        acts="deviation",
-                        walk=walk(i, std),
-                        lowest=lowest,
-                    )
-                )
-            continue
-        of_tendon = name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0
-        if of_tendon or number(rig, name).is_rough:
-            factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
-            continue
-        mean = value
-        spread = std
-        lowest = -np.inf
-        rough = known_to_a_factor(name, value, std)
-        if _bounded(context, name):
-            cut, spread = cut_normal(value, std)
-            # a number that is known to a factor is as likely above as below what is stated, unless
-            # it may well be zero
-            mean = value if rough and std <= value else cut
-            lowest = SMALLEST_VALUE * spread
-        # where no drive pulls against another, forces are those of friction and say little of all
-        # else
-        alone = context.n_drives <= context.n_joints
-        values.append(
-            State(
-                in_words(rig, name),
-                StateKind.PARAMETER,
-                named(rig, name),
-                mean,
-                spread,
-                indices=(i,),
-                walk=walk(i, spread),
-                lowest=lowest,
-                unidentified=alone and lowest > 0.0 and rough,
-                doubted=rough and name.startswith("joints.") and kind.startswith("friction."),
-            )
-        )
+                deviations.append(_deviation(context, i, value, std))
+        elif (of_tendon and value > 0.0) or number(context.rig, name).is_rough:
+            walk = _walk(context, i, std / value, value)
+            factors.append(_factor(context, name, (i,), std / value, walk))
+        else:
+            values.append(_value(context, i, value, std))
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]
         if together:
             # where one has a std of its own, its drift is that one's
-            walks = [walk(i, std, p.values[i]) for i in together if p.independent_stds[i] == 0.0]
-            factors.append(
-                factor(
-                    name, together, std, max(walks, default=context.robustness.parameter_walk * std)
-                )
-            )
+            alone = [i for i in together if p.independent_stds[i] == 0.0]
+            walks = [_walk(context, i, std, p.values[i]) for i in alone]
+            usual = context.robustness.parameter_walk * std
+            factors.append(_factor(context, name, together, std, max(walks, default=usual)))
     return values + factors + deviations
+
+
+def _walk(context: FilterContext, index: int, std: float, scale: float = 1.0) -> float:
+    """Return the random walk of a parameter's state, of which `scale` is one."""
+    drift = float(context.mechanism.parameters.drifts[index])
+    return context.robustness.parameter_walk * std if np.isnan(drift) else drift / scale
+
+
+def _factor(
+    context: FilterContext, name: str, indices: Sequence[int], relative: float, walk: float
+) -> State:
+    """Return the state of a factor on some parameters, by its std."""
+    p = context.mechanism.parameters
+    first = p.names[indices[0]]
+    path = f"{name}.factor"
+    words = f"common factor of {name}" if name in p.shared else in_words(context.rig, path)
+    rough = known_to_a_factor(first, 1.0, relative)
+    logarithmic = rough and number(context.rig, first).quantity.bound == "positive"
+    mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
+    # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that
+    # are hardly known")
+    return State(
+        words,
+        StateKind.PARAMETER,
+        named(context.rig, path),
+        mean,
+        spread,
+        indices=tuple(indices),
+        acts="factor",
+        walk=walk,
+        lowest=SMALLEST_FACTOR,
+        unidentified=rough,
+    )
+
+
+def _deviation(context: FilterContext, index: int, value: float, std: float) -> State:
+    """Return the state of a deviation of one parameter from what a factor makes of it."""
+    name = context.mechanism.parameters.names[index]
+    path = f"{name}.deviation"
+    return State(
+        in_words(context.rig, path),
+        StateKind.PARAMETER,
+        named(context.rig, path),
+        0.0,
+        std,
+        indices=(index,),
+        acts="deviation",
+        walk=_walk(context, index, std),
+        lowest=-(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf,
+    )
+
+
+def _value(context: FilterContext, index: int, value: float, std: float) -> State:
+    """Return the state of a parameter that stands alone."""
+    name = context.mechanism.parameters.names[index]
+    mean = value
+    spread = std
+    lowest = -np.inf
+    rough = known_to_a_factor(name, value, std)
+    if _bounded(context, name):
+        cut, spread = cut_normal(value, std)
+        # a number that is known to a factor is as likely above as below what is stated, unless it
+        # may well be zero
+        mean = value if rough and std <= value else cut
+        lowest = SMALLEST_VALUE * spread
+    # where no drive pulls against another, forces are those of friction and say little of all else
+    alone = context.n_drives <= context.n_joints
+    of_friction = name.startswith("joints.") and name.split(".", 2)[2].startswith("friction.")
+    return State(
+        in_words(context.rig, name),
+        StateKind.PARAMETER,
+        named(context.rig, name),
+        mean,
+        spread,
+        indices=(index,),
+        walk=_walk(context, index, spread),
+        lowest=lowest,
+        unidentified=alone and lowest > 0.0 and rough,
+        doubted=rough and of_friction,
+    )
 
 
 def _bounded(context: FilterContext, name: str) -> bool:
