@@ -362,6 +362,16 @@ IDENTIFIED = 0.9
 Source: judgement.
 """
 
+CONFOUNDED = 0.5
+"""The same ratio where it shows only together with others: it would carry what the model lacks [1].
+Source: benchmark (docs/results/fits.md).
+"""
+
+SEEN_ALONE = 0.2
+"""Ratio of a parameter's standard error if all others were known to its standard error, below which
+it shows only together with others [1]. Source: judgement.
+"""
+
 DIVERGED = (
     "{}: the filter leaves all bounds on these logs; check the units of logs and rig "
     "(distal estimate)"
@@ -596,8 +606,13 @@ def _staying(problem: Problem, covariance: Floats) -> Bools:
     may_stay = np.array(
         [not part.noise and log is None and part.has_prior for part, log in problem.parts]
     )
+    precisions = np.diag(np.linalg.pinv(covariance, hermitian=True))
+    # the variance if all others were known
+    alone = 1.0 / np.maximum(precisions, 1e-300)
+    together = alone < SEEN_ALONE**2 * np.diag(covariance)
+    limit = np.where(together, CONFOUNDED, IDENTIFIED) * problem.prior_stds
     while True:
-        share = errors_holding(covariance, left) / (IDENTIFIED * problem.prior_stds)
+        share = errors_holding(covariance, left) / limit
         share[~may_stay | left] = 0.0
         at = int(np.argmax(share))
         if share[at] < 1.0:
