@@ -24,9 +24,9 @@ FREE = ("--free", "tendons.*.stiffness", "--free", "joints.link.friction.coeffic
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder, rig = tmp_path_factory.mktemp("logs"), start_rig()
-    plant, _ = drawn_plant(30)
+    plant, _ = drawn_plant(31)
     paths = []
-    for i, log in enumerate(logs_of(rig, plant, 30, ("ramps", "servo"), 5.0)):
+    for i, log in enumerate(logs_of(rig, plant, 31, ("ramps", "servo"), 5.0)):
         paths.append(folder / f"log_{i}.csv")
         write_log(log, rig, paths[-1])
     return paths

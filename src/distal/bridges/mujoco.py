@@ -211,7 +211,7 @@ def _function(mechanism: Mechanism) -> ca.Function:
     y is (forces on the bodies, their friction limits, tensions).
     """
     n = mechanism.n_bodies
-    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
+    q, v = (ca.SX.sym(name, n) for name in "qv")
     symbols = mechanism.parameters.symbols
     pulls = mechanism.pulls(q, ca.SX.zeros(n))
     limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)

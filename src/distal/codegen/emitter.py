@@ -195,9 +195,9 @@ def _call(
             lines.append(f"  const {kind} c{k}_{i}[] = {{{', '.join(gathered)}}};")
         addresses.append(arrays[gathered])
     for i in range(called.n_out()):
-        made = tuple(f"v{k}_{i}[{j}]" for j in range(called.nnz_out(i)))
-        lines.append(f"  {kind} v{k}_{i}[{len(made)}];")
-        arrays[made] = f"v{k}_{i}"
-        addresses.append(arrays[made])
-        results += made
+        outputs = tuple(f"v{k}_{i}[{j}]" for j in range(called.nnz_out(i)))
+        lines.append(f"  {kind} v{k}_{i}[{len(outputs)}];")
+        arrays[outputs] = f"v{k}_{i}"
+        addresses.append(arrays[outputs])
+        results += outputs
     return [*lines, f"  {name}({', '.join(addresses)});"], results

@@ -611,8 +611,8 @@ def _dense(work: Workspace, rows: int, inner: int, columns: int) -> None:
     _, x, y = work.inputs
     to, zero = _begun(work)
     at = work.at
-    whole = columns - columns % min(COLUMNS_TOGETHER, columns)
-    for first, end in pairwise(sorted({0, whole, columns})):  # the last few columns are left over
+    grouped = columns - columns % min(COLUMNS_TOGETHER, columns)
+    for first, end in pairwise(sorted({0, grouped, columns})):  # the last few columns are left over
         together = range(min(COLUMNS_TOGETHER, end - first))
         positions = [at(to, shifted("i", rows * (first + c)) + f" + {rows} * j") for c in together]
         sums = ", ".join(f"s{c} = {zero or position}" for c, position in enumerate(positions))

@@ -42,6 +42,7 @@ from distal.fitting.parameter_estimates import (
     by_equations,
     parameters_of,
     problem_of,
+    searched,
     without,
 )
 from distal.logs import Log, shown, true_angles
@@ -561,6 +562,10 @@ def judge(
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
     models = list(solutions)
+    if solutions[0].by_equations and not (stopped or options.free):
+        # whether a number stays at its prior is a choice of a model too
+        freer = searched(solutions[0].problem, solutions[0].optimum.z, may_stay=False)
+        models.append(freer)
     candidates = list[Candidate]()
     if line is None:
         chosen = _alone(solutions[-1], rig)

@@ -91,7 +91,7 @@ class _Equations(NamedTuple):
     window: int
     masses: Floats
     gravity: Floats
-    own: Floats
+    terms: Floats
     torques: Floats
 
 
@@ -137,15 +137,15 @@ def links_of(
     def as_links(row: _Equations) -> Floats:
         return np.column_stack([row.masses, row.gravity @ (1e-3 * masses)])
 
-    own = FRICTION
+    terms = FRICTION
     errors = _errors(parts, as_links, FRICTION)
     tared = _errors(parts, as_links, WITH_OFFSET)
     if _better(tared, errors):
-        own = WITH_OFFSET
+        terms = WITH_OFFSET
         errors = tared
-    if not _better(errors, _errors(parts, lambda row: row.masses[:, :0], (*own, INERTIA))):
+    if not _better(errors, _errors(parts, lambda row: row.masses[:, :0], (*terms, INERTIA))):
         return None
-    matrix, target = _system(rows, as_links, own)
+    matrix, target = _system(rows, as_links, terms)
     solution, spreads = with_errors(matrix, target, max(row.window for row in rows))
     x, z = solution[count : count + 2].tolist()
     is_clear = np.hypot(x, z) > CLEAR * np.max(spreads[count : count + 2])
@@ -178,12 +178,12 @@ def _better(errors: Floats, usual: Floats) -> bool:
 def _errors(
     parts: Sequence[Sequence[_Equations]],
     shared: Callable[[_Equations], Floats],
-    own: Sequence[int],
+    terms: Sequence[int],
 ) -> Floats:
     """Return the RMS error of each joint's torque [N m] on logs left out, with such `shared`
-    columns and `own` terms; on the logs themselves if there is only one.
+    columns and own `terms`; on the logs themselves if there is only one.
     """
-    errors = np.concatenate(left_out([_system(rows, shared, own) for rows in parts]))
+    errors = np.concatenate(left_out([_system(rows, shared, terms) for rows in parts]))
     joints = np.concatenate([np.full(len(r.torques), r.joint) for rows in parts for r in rows])
     return np.array([rms(errors[joints == joint]) for joint in np.unique(joints)])
 
@@ -191,16 +191,16 @@ def _errors(
 def _system(
     equations: Sequence[_Equations],
     shared: Callable[[_Equations], Floats],
-    own: Sequence[int],
+    terms: Sequence[int],
 ) -> Equations:
     """Return matrix and torques of some equations: `shared` columns, then those of each joint's
-    `own` terms.
+    own `terms`.
     """
     joints = sorted({of_joint.joint for of_joint in equations})
     parts = []
     for of_joint in equations:
-        terms = of_joint.own[:, own]
-        blocks = [terms * (joint == of_joint.joint) for joint in joints]
+        columns = of_joint.terms[:, terms]
+        blocks = [columns * (joint == of_joint.joint) for joint in joints]
         parts.append((np.column_stack([shared(of_joint), *blocks]), of_joint.torques))
     return stacked(parts)
 
@@ -245,14 +245,14 @@ def _equations(
     columns = [np.array(part).reshape(q.shape[1], len(q), -1) for part in parts]
     equations = []
     for link, j in enumerate(carrying):
-        own, torques, moves = _terms(j, pulls_of(j, drives), log, log.is_known, window)
+        terms, torques, moves = _terms(j, pulls_of(j, drives), log, log.is_known, window)
         equations.append(
             _Equations(
                 joint=link,
                 window=window,
                 masses=columns[0][j, moves],
                 gravity=np.stack([of_way[j, moves] for of_way in columns[1:]], axis=1),
-                own=own,
+                terms=terms,
                 torques=torques,
             )
         )

@@ -244,10 +244,10 @@ def time_of(columns: Columns, logs: Sequence[RawLog]) -> tuple[ColumnRole, list[
     time = next(column for column in columns if column.role == "time")
     steps = np.concatenate([np.diff(log.columns[time.header]) for log in logs])
     step = np.median(steps[steps > 0.0])
-    said = time.unit or "s"
+    named = time.unit or "s"
     rates = {
         unit: 1.0 / (step * size)
-        for unit, size in {said: unit_factor(said, "s"), **USUAL["s"]}.items()
+        for unit, size in {named: unit_factor(named, "s"), **USUAL["s"]}.items()
     }
     slowest, fastest = RATES
     possible = [unit for unit, rate in rates.items() if slowest <= rate <= fastest]
@@ -255,10 +255,10 @@ def time_of(columns: Columns, logs: Sequence[RawLog]) -> tuple[ColumnRole, list[
         raise RigError(f"{time.header} steps by {step:g}: no unit makes a rate of that")
     unit = possible[0]
     notes = []
-    if unit != said:
+    if unit != named:
         notes.append(
-            f"{time.header} steps by {step:g}: taken as {unit}, since in {said} there would be "
-            f"{rates[said]:.3g} samples in a second"
+            f"{time.header} steps by {step:g}: taken as {unit}, since in {named} there would be "
+            f"{rates[named]:.3g} samples in a second"
         )
     return replace(time, unit=unit), notes
 
@@ -573,8 +573,8 @@ def motion_data(log: RawLog, columns: Columns) -> MotionData:
             return nothing
         values = log.columns[column.header].copy()
         if column.values.turn is not None:
-            there = np.isfinite(values)
-            values[there] = np.unwrap(values[there], period=column.values.turn)
+            is_finite = np.isfinite(values)
+            values[is_finite] = np.unwrap(values[is_finite], period=column.values.turn)
         values *= factor_of_column(column)
         if column.role == "angle":
             values[held_samples(values) | jumps_away(values)] = np.nan

@@ -134,10 +134,10 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
         scores[header][role] = CERTAIN
     open_headers = [header for header in headers if header not in known]
     # where a user names some, a column whose name does not say so is none
-    for said in ("position", "angle"):
-        for header in open_headers if given[said] else ():
-            if names[header].scores[said] < SURE:
-                scores[header][said] = -CERTAIN
+    for asked in ("position", "angle"):
+        for header in open_headers if given[asked] else ():
+            if names[header].scores[asked] < SURE:
+                scores[header][asked] = -CERTAIN
     _tell_joints(scores, open_headers, names)
     found = []
     for header in headers:

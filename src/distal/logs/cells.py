@@ -192,12 +192,12 @@ def numbered(path: Path, column: str, length: int) -> list[str]:
     Raises:
         LogError: the dataset's description is no JSON object.
     """
-    names = _names_of_numbers(path, column)
+    names = _names_in_dataset(path, column)
     is_fitting = len(names) == len(set(names)) == length
     return [f"{column}.{name}" for name in (names if is_fitting else range(length))]
 
 
-def _names_of_numbers(path: Path, column: str) -> Sequence[object]:
+def _names_in_dataset(path: Path, column: str) -> Sequence[object]:
     """Return the names of the numbers of a vector, from the description of the dataset that holds
     the file; none where there is no dataset, or it gives none.
     """
@@ -298,7 +298,7 @@ class Cells:
         column = self.columns[name]
         words = list[int]()
         if isinstance(column, list):
-            values = _numbers(column)
+            values = _values_of(column)
             words = [k for k in np.flatnonzero(np.isinf(values)).tolist() if _is_word(column[k])]
             values[words] = nan
         elif column.dtype.kind in "iuf":
@@ -375,7 +375,7 @@ def compact(cells: list[str]) -> Column:
     whole = whole_values(cells)
     if whole is not None:
         return whole
-    values = _numbers(cells)
+    values = _values_of(cells)
     return cells if np.isinf(values).any() else values
 
 
@@ -392,7 +392,7 @@ def whole_values(cells: Column) -> NDArray[np.int64] | None:
         return None
 
 
-def _numbers(cells: list[str]) -> Floats:
+def _values_of(cells: list[str]) -> Floats:
     """Return the numbers of cells: NaN of a missing one, infinity of one that holds no finite
     number.
     """

@@ -472,15 +472,15 @@ class RawToSI:
             for remark in self.remarks:
                 # where a log begins it is taken as it is
                 if remark.kind != "unknown turn":
-                    thing = remark.kind, remark.sensor
-                    counts[thing] += 1
-                    firsts.setdefault(thing, (remark, stamp))
+                    deed = remark.kind, remark.sensor
+                    counts[deed] += 1
+                    firsts.setdefault(deed, (remark, stamp))
         sensors = [channel.sensor for channel in self._channels]
         column_of = {sensor.name: sensor.log_column for sensor in sensors}
         lines = [
-            f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[thing]} "
+            f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[deed]} "
             f"readings, the first at {first:g} s)"
-            for thing, (remark, first) in firsts.items()
+            for deed, (remark, first) in firsts.items()
         ]
         return {sensor.name: sealed(values) for sensor, values in zip(sensors, samples)}, lines
 

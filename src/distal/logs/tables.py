@@ -280,13 +280,13 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
                 "what unit has it? (log.time.unit)"
             )
         columns = (stamps, values, recorded, orders)
-        kept[column] = _Samples(*(np.array(numbers)[~wild] for numbers in columns))
+        kept[column] = _Samples(*(np.array(part)[~wild] for part in columns))
     for topic, wild in wild_in.items():
         say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
     _leave_out_another_clock(path, kept)
     ends, first = max(
         ((set_backs(samples.stamps), samples.orders) for samples in kept.values()),
-        key=lambda each: (len(each[0]), len(each[1])),
+        key=lambda pair: (len(pair[0]), len(pair[1])),
     )
     part = first[longest_part(ends, len(first), str(path))]
     stamped = dict[str, Stamped]()

@@ -206,24 +206,26 @@ def _remembered(shape: Shape) -> ca.Function:
 
     half = play * ca.DM(HALF_WIDTHS)
     way = each(half)
-    many = ca.repmat(z, len(HALF_WIDTHS), 1)
+    repeated = ca.repmat(z, len(HALF_WIDTHS), 1)
     low, high = (
         ca.if_else(
             ca.repmat(first, len(HALF_WIDTHS), 1),
-            many + side,
-            ca.fmin(ca.fmax(was[name], many - way), many + way),
+            repeated + side,
+            ca.fmin(ca.fmax(was[name], repeated - way), repeated + way),
         )
         for name, side in (("low", -way), ("high", way))
     )
-    slips = (many - (low + high) / 2) / way
+    slips = (repeated - (low + high) / 2) / way
     doubts = (high - low) / each(2 * half)
     share = each(1 - ca.exp(-dt / ca.DM(TIME_CONSTANTS)))
-    many = ca.repmat(z, len(TIME_CONSTANTS), 1)
+    repeated = ca.repmat(z, len(TIME_CONSTANTS), 1)
     lags = ca.if_else(
-        ca.repmat(first, len(TIME_CONSTANTS), 1), many, was["lags"] + share * (many - was["lags"])
+        ca.repmat(first, len(TIME_CONSTANTS), 1),
+        repeated,
+        was["lags"] + share * (repeated - was["lags"]),
     )
     after = shape.memory.joined(last=centre + scale * z, age=age, low=low, high=high, lags=lags)
-    outputs = [z, slips, doubts, many - lags, after]
+    outputs = [z, slips, doubts, repeated - lags, after]
     return ca.Function("remembered", [*sample, *frame], outputs)
 
 

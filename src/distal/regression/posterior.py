@@ -527,7 +527,9 @@ def given(
         offsets: joint → std of a constant error of what is known, 0 where it is not named.
     """
     every = _as_weights(learned, log, known, offsets)
-    return _with_weights(learned, [weights.given(told, offset) for weights, told, offset in every])
+    return _with_weights(
+        learned, [weights.given(evidence, offset) for weights, evidence, offset in every]
+    )
 
 
 def _as_weights(

@@ -84,8 +84,8 @@ def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Functio
     _, dt, readings, mask, parameters, *jumps = map_inputs(shape, joints)
     sample = [dt, readings, mask]
     (memory,) = symbols(ca.MX, memory=layout.size)
-    known = symbols(ca.MX, targets=joints, given=joints, beside=joints)
-    targets, is_given, beside = known
+    angles = symbols(ca.MX, targets=joints, given=joints, beside=joints)
+    targets, is_given, beside = angles
     was = layout.parts(memory)
     of = map_layout(shape, joints).parts(parameters)
     outputs, _ = features_function(shape)(was["map"], *sample, of["frame"])
@@ -97,9 +97,11 @@ def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Functio
     tells = is_given * (since > 0)
     first = tells * (1 - was["told"])
     is_constant = ca.MX(ca.DM.eye(n + 1)[:, 0].full())
-    means, covariances = [], {}
+    means = list[VectorNode]()
+    covariances = dict[str, VectorNode]()
     for j in range(joints):
-        mean, covariance = was["mean"][:, j], was[f"covariance_{j}"]
+        mean = was["mean"][:, j]
+        covariance = was[f"covariance_{j}"]
         cross = ca.mtimes(covariance, phi)
         variance = of["noise"][j] * (1 + of["error_time"][j] / ca.fmax(since[j], SHORTEST_INTERVAL))
         variance += of["radial"][j] * out["far"] + of["filter"][j] ** 2 * beside[j]
@@ -125,7 +127,7 @@ def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Functio
         mean=mean,
         **covariances,
     )
-    inputs = [memory, *sample, parameters, *jumps, *known]
+    inputs = [memory, *sample, parameters, *jumps, *angles]
     return ca.Function("homed_map", inputs, [values, gains, variances, following])
 
 
@@ -214,12 +216,12 @@ def reporting_function(
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
     of_judges = sum(judge.memory.size for judge in judges)
-    numbers_of_judges = sum(judge.parameters for judge in judges)
+    parameters_of_judges = sum(judge.parameters for judge in judges)
     inputs = symbols(
         ca.MX,
         kernel_state=n_kernel_state + sum(placed.size for placed in maps) + of_judges,
         x=inner.size1_in(1),
-        p=n_parameters + sum(placed.parameters for placed in maps) + numbers_of_judges,
+        p=n_parameters + sum(placed.parameters for placed in maps) + parameters_of_judges,
     )
     kernel_state, x, p = inputs
     width = (x.numel() - 1) // 2

@@ -305,11 +305,11 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
         if isinstance(parent, (list, tuple)):
             if is_last and isinstance(parent, tuple):
                 raise error(f"--set '{path}': set the whole of '{where}' instead")
-            one = None if key == ALL else index_of(parent, key)
-            if one is None and key != ALL:
+            at = None if key == ALL else index_of(parent, key)
+            if at is None and key != ALL:
                 hint = did_you_mean(key, names_in(parent))
                 raise error(f"--set '{path}': '{where}' has no '{key}'{hint}")
-            for index in range(len(parent)) if one is None else [one]:
+            for index in range(len(parent)) if at is None else [at]:
                 # a table is changed in place: each item gets one of its own
                 copied = deepcopy(value)
                 if isinstance(parent, tuple) or not is_last:

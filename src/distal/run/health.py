@@ -281,8 +281,8 @@ class Watch:
 
     def function(self) -> ca.Function:
         """Return the function (memory, sample) → (memory⁺, findings)."""
-        own = self.memory.size - self.redundancy.memory
-        before = ca.SX.sym("memory", own)
+        size = self.memory.size - self.redundancy.memory
+        before = ca.SX.sym("memory", size)
         current = ca.SX.sym("sample", self.sample.size)
         unlike = ca.SX.sym("unlike", len(self.redundancy.maps))
         was = self.memory.parts(ca.vertcat(before, ca.SX.zeros(self.redundancy.memory)))
@@ -296,9 +296,9 @@ class Watch:
             self._paced,
             self._ended,
         ):
-            after, found = part(was, came)
+            after, flagged = part(was, came)
             remembered |= after
-            flags |= found
+            flags |= flagged
         words = {name: word for name, word in WORDS.items() if name != "beyond" or self.ends}
         code = reduce(
             ca.fmax, (word_code(word) * _any(flags[name]) for name, word in words.items())
@@ -313,8 +313,8 @@ class Watch:
 
     def _share(self, dt: Scalar) -> Scalar:
         """Return the share with which a sample counts in a mean."""
-        known = ca.logic_and(dt > 0, dt < self.limits.longest_gap)
-        since = ca.if_else(known, dt, self.estimator.interval)
+        is_usual = ca.logic_and(dt > 0, dt < self.limits.longest_gap)
+        since = ca.if_else(is_usual, dt, self.estimator.interval)
         return ca.fmin(since / self.limits.memory, 1)
 
     def _silent(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
@@ -370,7 +370,7 @@ class Watch:
         square = ca.if_else(is_touched, ca.fmin(square, 1), square)
         change = self._share(came["dt"]) * (square - was["ratio"])
         ratio = was["ratio"] + ca.if_else(came["compared"], change, 0)
-        prior, std = (_column(numbers[list(self.watched)]) for numbers in self._priors)
+        prior, std = (_column(part[list(self.watched)]) for part in self._priors)
         away = ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0))
         is_unknown = _any(came["stds"] > limits.unknown)
         return {"ratio": ratio}, {

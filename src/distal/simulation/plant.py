@@ -77,8 +77,8 @@ def plants_apart(mechanism: Mechanism, parts: tuple[Subsystem, ...], count: int)
         frictions = np.flatnonzero(np.isin(rubbing, drives))
         kernel_state = np.concatenate([bodies, n + bodies, 2 * n + frictions])
         x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
-        own = equations.parameters.names
-        p = np.array([parameters.index(part.whole_path(name)) for name in own])
+        names = equations.parameters.names
+        p = np.array([parameters.index(part.whole_path(name)) for name in names])
         y = np.concatenate([bodies, n + bodies, tense + tendons, pulling + bodies])
         kernels.append(PlacedKernel(plant_function(equations, count), kernel_state, x, p, y))
     return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(parameters), ny))

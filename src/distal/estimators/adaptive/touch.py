@@ -126,10 +126,10 @@ class Remembered:
         """Return what a kernel state remembers, as symbols by name."""
         names = _entries(context)
         kept = {}
-        for field, (part, each) in KEPT.items():
+        for field, (part, own) in KEPT.items():
             vector = layout.part(kernel_state, part)
             kept[field] = {
-                name: each.parts(vector[each.size * i :]) for i, name in enumerate(names[field])
+                name: own.parts(vector[own.size * i :]) for i, name in enumerate(names[field])
             }
         return cls(**kept)
 
@@ -146,8 +146,8 @@ class Remembered:
     def joined(self) -> dict[str, VectorNode]:
         """Return the parts of a kernel state that hold what is remembered."""
         return {
-            part: ca.vertcat(ca.MX(0, 1), *(each.joined(**entry) for entry in entries.values()))
-            for (part, each), entries in zip(KEPT.values(), vars(self).values())
+            part: ca.vertcat(ca.MX(0, 1), *(layout.joined(**entry) for entry in entries.values()))
+            for (part, layout), entries in zip(KEPT.values(), vars(self).values())
         }
 
 
@@ -269,4 +269,4 @@ def opening_function(count: int) -> ca.Function:
 def touch_layout(context: FilterContext) -> dict[str, int]:
     """Return the lengths of the parts of the kernel state that remember forces and torques."""
     entries = _entries(context)
-    return {part: each.size * len(entries[field]) for field, (part, each) in KEPT.items()}
+    return {part: layout.size * len(entries[field]) for field, (part, layout) in KEPT.items()}

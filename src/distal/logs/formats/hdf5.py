@@ -37,8 +37,8 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             groups = {name.rpartition("/")[0] for name in sets}
             if len(groups) == 1:  # a group of all adds nothing to their names
                 sets = {name.rpartition("/")[2]: part for name, part in sets.items()}
-            found = [column for name, part in sets.items() for column in _columns(name, part)]
-            chosen = [column for column in found if needed(column[0], columns)]
+            every = [column for name, part in sets.items() for column in _columns(name, part)]
+            chosen = [column for column in every if needed(column[0], columns)]
             size = sum(part.dtype.itemsize * len(part) for _, part, _ in chosen)
             check_memory(path, COPIES * size, f"it holds {len(chosen)} columns of that")
             held: dict[str, Column] = {name: np.asarray(part[at]) for name, part, at in chosen}
@@ -54,7 +54,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows. Are these several episodes? Write each into a file of its own"
         )
-    return Cells(held, path, 1, tuple(name for name, _, _ in found))
+    return Cells(held, path, 1, tuple(name for name, _, _ in every))
 
 
 def _is_column(part: Any) -> bool:

@@ -171,15 +171,15 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     data = mujoco.MjData(model)
     positions = model.jnt_qposadr[list(joints)]
     speeds = model.jnt_dofadr[list(joints)]
-    found = []
+    poses = []
     for row in angles:
         data.qpos[positions] = row
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)
         arms = tendon_slopes(model, data)[:, speeds]
-        found.append((data.ten_length.copy(), arms, data.ten_wrapnum.copy()))
-    return Poses(angles, *map(np.array, zip(*found)))
+        poses.append((data.ten_length.copy(), arms, data.ten_wrapnum.copy()))
+    return Poses(angles, *map(np.array, zip(*poses)))
 
 
 def over_ranges(
@@ -304,7 +304,7 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
         return products
 
     lower = np.eye(angles.shape[1], dtype=np.int64)
-    slopes = [powers @ one * values(np.maximum(powers - one, 0)) for one in lower]
+    slopes = [powers @ axis * values(np.maximum(powers - axis, 0)) for axis in lower]
     return values(powers), np.array(slopes)
 
 

@@ -432,15 +432,15 @@ def opened(model: mujoco.MjModel | str | Path) -> tuple[mujoco.MjModel, str]:
         try:
             model = package.MjModel.from_xml_path(str(model))
         except Exception as problem:
-            said = " ".join(str(problem).split())
-            raise RigError(f"{model}: MuJoCo does not take it: {said}") from None
+            reason = " ".join(str(problem).split())
+            raise RigError(f"{model}: MuJoCo does not take it: {reason}") from None
     elif not isinstance(model, package.MjModel):
         raise RigError(
             f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} "
             "came"
         )
-    own = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
-    return model, title if own in ("", "MuJoCo Model") else own
+    name = bytes(model.names).split(b"\0", 1)[0].decode(errors="replace")
+    return model, title if name in ("", "MuJoCo Model") else name
 
 
 def from_mujoco(
