@@ -364,7 +364,7 @@ Source: judgement.
 
 CONFOUNDED = 0.5
 """The same ratio where it shows only together with others: it would carry what the model lacks [1].
-Source: benchmark (docs/results/fits.md).
+Source: judgement.
 """
 
 SEEN_ALONE = 0.2
