@@ -343,14 +343,14 @@ def stepping() -> None:
         rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives})
     )
     fastest = stiffest_frequency(ready.plant)
-    known = motions_of([replace(ready, count=128)])[0].q[:, :3]
+    known = motions_of([replace(ready, count=128)])[0].y[:, :3]
     cells: list[list[str]] = [[], [], []]
     counts = (1, 2, 4, 8, 16)
     for count in counts:
         run = [replace(ready, count=count)]
         motions_of(run)  # compiles it
         begun = time.perf_counter()
-        found = motions_of(run)[0].q[:, :3]
+        found = motions_of(run)[0].y[:, :3]
         taken = time.perf_counter() - begun
         away = np.rad2deg(found - known)
         cells[0].append(f"{np.sqrt(np.mean(away**2)):.4f}")

@@ -55,7 +55,7 @@ for name in ("inextensible", "adaptive"):
 
 # %%
 classes = r"run_(.)" if len({path.stem[4] for path in paths}) > 1 else None
-found = distal.fit(logs, start, homing=3.0, units=classes)
+found = distal.fit(logs, start, homing=3.0, groups=classes)
 for part in found.fitted:
     print(f"{part.name:32} {part.start:10.5g} -> {part.value:10.5g} ± {part.error:.2g} {part.si}")
 text = Path(__file__).with_name("start.toml").read_text(encoding="utf-8")
