@@ -173,6 +173,14 @@ def test_other_models_widen_what_is_said_and_written(found: Found) -> None:
             assert written.std == pytest.approx(max(part.std, 0.002 * abs(part.value)), rel=0.01)
 
 
+def test_one_of_the_models_leaves_nothing_at_its_prior(found: Found) -> None:
+    """What stays there is a choice of a model too, and its errors count."""
+    judged = judging.judge(found.logs, found.rig, OPTIONS)
+    chosen, *others = judged.models
+    assert chosen.left.any()
+    assert any(not other.left.any() for other in others)
+
+
 def test_the_candidates_are_of_each_kind(found: Found) -> None:
     names = [candidate.name for candidate in found.candidates]
     assert len(set(names)) == len(names) == 3
