@@ -562,10 +562,6 @@ def judge(
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
     models = list(solutions)
-    if solutions[0].by_equations and not (stopped or options.free):
-        # whether a number stays at its prior is a choice of a model too
-        freer = searched(solutions[0].problem, solutions[0].optimum.z, may_stay=False)
-        models.append(freer)
     candidates = list[Candidate]()
     if line is None:
         chosen = _alone(solutions[-1], rig)
@@ -582,6 +578,13 @@ def judge(
             say(f"judging {name}")
             way = replace(training, rig=rig.with_values(part.values), part=part)
             candidates.append(filter_candidate(name, way, parameters))
+        first = solutions[0]
+        if first.by_equations and first.left.any() and not (stopped or options.free):
+            # whether a number stays at its prior is a choice of a model too
+            freer = searched(first.problem, first.optimum.z, may_stay=False)
+            if freer.optimum.interrupted:
+                raise KeyboardInterrupt
+            models.append(freer)
     except KeyboardInterrupt:
         stopped = True
     # judged without a map: within the logs a map hides what the filter lacks beyond them

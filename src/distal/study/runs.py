@@ -389,7 +389,7 @@ def run_study(
     done = total - sum(len(designs) for _, designs in chunks) * runs_per_design
     if progress is not None:
         progress(done, total)
-    count = workers or os.cpu_count() or 1
+    count = (os.cpu_count() or 1) if workers is None else workers
     is_first = done == 0
     for number, rows in _by_processes(plan, chunks, count):
         problem, *others = set(map(str, rows["problem"]))
