@@ -578,19 +578,26 @@ def judge(
             say(f"judging {name}")
             way = replace(training, rig=rig.with_values(part.values), part=part)
             candidates.append(filter_candidate(name, way, parameters))
-        first = solutions[0]
-        if first.by_equations and first.left.any() and not (stopped or options.free):
-            # whether a number stays at its prior is a choice of a model too
-            freer = searched(first.problem, first.optimum.z, may_stay=False)
-            if freer.optimum.interrupted:
-                raise KeyboardInterrupt
-            models.append(freer)
+        models += [] if stopped else _with_none_left(solutions[0], options)
     except KeyboardInterrupt:
         stopped = True
     # judged without a map: within the logs a map hides what the filter lacks beyond them
     best = min(candidates, key=lambda candidate: candidate.error, default=None)
     chosen = best or _alone(solutions[-1], rig)
     return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
+
+
+def _with_none_left(parameters: ParameterEstimates, options: Options) -> list[ParameterEstimates]:
+    """Return the estimates of which none stays at its prior, since that is a choice of a model too;
+    none where none stays, or the user chose which are free.
+    """
+    if options.free or not (parameters.by_equations and parameters.left.any()):
+        return []
+    free = searched(parameters.problem, parameters.optimum.z, may_stay=False)
+    if free.optimum.interrupted:
+        # the caller has the other models
+        raise KeyboardInterrupt
+    return [free]
 
 
 def _ways(
