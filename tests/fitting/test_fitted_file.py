@@ -28,7 +28,7 @@ from distal.fitting.candidates import (
 )
 from distal.fitting.fit import Fit, plain_value
 from distal.fitting.free_parameters import Options
-from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
+from distal.fitting.parameter_estimates import parameters_of, problem_of
 from distal.rig import build_rig, number, parse_toml
 from tests.support.foreign_plants import finger_log, finger_rig
 
@@ -84,21 +84,10 @@ class Found:
             ),
         ]
         self.candidates = [filter_candidate(*way) for way in ways]
-        self.models = [self.solutions[0], *(parameters for _, parameters in named)]
 
-    def learned(self, candidate: Candidate, *, others: bool = True) -> Fit:
-        """Return what a candidate teaches, with or without what other models make of the logs."""
-        models = self.models if others else []
-        judged = Judged(
-            self.logs,
-            self.training,
-            self.line,
-            self.solutions,
-            models,
-            candidate,
-            self.candidates,
-            False,
-        )
+    def learned(self, candidate: Candidate) -> Fit:
+        """Return what a candidate teaches."""
+        judged = Judged(self.logs, self.training, self.line, self.solutions, self.candidates, False)
         return Fit.of(judged, candidate)
 
 
@@ -116,29 +105,13 @@ def check(result: Fit, text: str | None, path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("which", "others"),
-    [
-        (0, False),
-        (1, True),
-        *(
-            pytest.param(*case, marks=pytest.mark.more)
-            for case in ((1, False), (2, False), (0, True), (2, True))
-        ),
-    ],
-)
-def test_each_candidate_is_written(
-    which: int, others: bool, found: Found, text: str, tmp_path: Path
-) -> None:
-    """As it was judged, or with what other models make of the same logs: their spread is in the
-    stds.
-    """
+@pytest.mark.parametrize("which", [0, 1, pytest.param(2, marks=pytest.mark.more)])
+def test_each_candidate_is_written(which: int, found: Found, text: str, tmp_path: Path) -> None:
+    """As it was judged."""
     candidate = found.candidates[which]
-    learned = found.learned(candidate, others=others)
-    written = check(learned, text, tmp_path / "fitted.toml")
+    written = check(found.learned(candidate), text, tmp_path / "fitted.toml")
     assert "# bought in March" in written
-    judged = load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
-    assert judged or (others and candidate.parameters is not None)
+    assert load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.0, False), (0.4, False), (0.6, True)])
@@ -162,23 +135,13 @@ def test_another_way_that_errs_less_is_said_first(ratio: float, said: bool, foun
     assert "readings" not in replace(result, compared=()).answer()
 
 
-def test_other_models_widen_what_is_said_and_written(found: Found) -> None:
+def test_the_screen_and_the_file_say_the_same_std(found: Found) -> None:
     parameters = found.solutions[0]
-    wider = among_models(parameters, found.models)
-    assert any(a.error > b.error for a, b in zip(wider.fitted, parameters.fitted))
     result = found.learned(next(c for c in found.candidates if c.parameters is parameters))
     for part in result.fitted:
         if not part.noise and part.value != part.start:
             written = number(result.rig, part.paths[0])
             assert written.std == pytest.approx(max(part.std, 0.002 * abs(part.value)), rel=0.01)
-
-
-def test_one_of_the_models_leaves_nothing_at_its_prior(found: Found) -> None:
-    """What stays there is a choice of a model too, and its errors count."""
-    judged = judging.judge(found.logs, found.rig, OPTIONS)
-    chosen, *others = judged.models
-    assert chosen.left.any()
-    assert any(not other.left.any() for other in others)
 
 
 def test_the_candidates_are_of_each_kind(found: Found) -> None:
@@ -220,9 +183,8 @@ def test_one_that_was_interrupted_is_written(
 def test_without_an_angle_parameters_alone_are_written(
     found: Found, text: str, tmp_path: Path
 ) -> None:
-    chosen = judging._alone(found.solutions[-1], found.rig)
-    judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [], False)
-    check(Fit.of(judged, chosen), text, tmp_path / "fitted.toml")
+    judged = Judged(found.logs, found.training, None, found.solutions, [], False)
+    check(Fit.of(judged, judged.chosen), text, tmp_path / "fitted.toml")
 
 
 def test_the_text_of_another_rig_is_refused(found: Found, text: str, tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from distal.fitting.objective import (
     cost_of,
     derivatives_of,
     evened,
-    long_run_covariance,
     scales_of,
     shares_of,
 )
@@ -22,14 +21,12 @@ from distal.fitting.objective import (
 Floats = NDArray[np.float64]
 
 COUNT = 400
-TIMES = np.arange(COUNT) / 100.0
 
 
 def weighing(counts: Floats | None = None, tolerance: float = np.inf) -> Weighing:
     return Weighing(
         np.full(2, tolerance),
         np.array([1.0, 0.5]),
-        TIMES,
         np.array([COUNT, COUNT]) if counts is None else counts,
     )
 
@@ -74,7 +71,7 @@ def test_an_outlier_counts_as_in_the_filter() -> None:
     """Beyond ν² = 9 S the variance grows with it: ½ (9 + ln ν²/9)."""
     values, variances = np.full((COUNT, 2), np.nan), np.ones((COUNT, 2))
     values[0, 0] = 30.0
-    single = Weighing(np.full(2, 9.0), np.ones(2), TIMES, np.array([1.0, 0.0]))
+    single = Weighing(np.full(2, 9.0), np.ones(2), np.array([1.0, 0.0]))
     assert cost_of(Innovations(values, variances), single) == pytest.approx(
         0.5 * (9.0 + np.log(100.0))
     )
@@ -110,22 +107,16 @@ def test_how_many_values_are_compared_does_not_matter() -> None:
     made = run(np.array([0.4, 0.1]))
     values = made.values.copy()
     values[::2, 0] = np.nan
-    np.testing.assert_allclose(evened(Innovations(values, made.variances), weighing()), [2.0, 1.0])
+    even = evened(Innovations(values, made.variances), weighing())
+    np.testing.assert_allclose(even, [2.0, 1.0])
     half, whole = (
         cost_of(Innovations(values, made.variances), weighing()),
         cost_of(made, weighing()),
     )
     assert half == pytest.approx(whole, rel=0.1)
     values[3:, 0] = np.nan
-    np.testing.assert_allclose(evened(Innovations(values, made.variances), weighing())[0], 20.0)
-
-
-def test_correlated_scores_count_by_spans_of_two_seconds() -> None:
-    """Four seconds of scores that are all alike are two spans of 200: 2 · 200²."""
-    meat, spans = long_run_covariance(np.ones((1, COUNT)), TIMES)
-    assert spans == 2
-    assert meat[0, 0] == pytest.approx(2 * 200**2)
-    assert long_run_covariance(np.ones((3, 0)), np.zeros(0))[1] == 0
+    few = evened(Innovations(values, made.variances), weighing())
+    assert few[0] == pytest.approx(20.0)
 
 
 def test_the_scale_of_residuals_is_their_mean_ratio() -> None:

@@ -65,7 +65,7 @@ class Curve:
         base, jacobian = self._residuals(z), self.slopes(z) * (widths > 0.0)
         gradient = jacobian.T @ base + z / self.prior_stds**2
         information = jacobian.T @ jacobian
-        return Derivatives(float(self.costs([z])[0]), gradient, information, information, len(base))
+        return Derivatives(float(self.costs([z])[0]), gradient, information)
 
 
 def test_least_squares_is_found_with_its_prior() -> None:

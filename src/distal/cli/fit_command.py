@@ -31,7 +31,7 @@ from distal.cli.shared_options import (
     working,
 )
 from distal.confidence import COVERED_TEXT
-from distal.errors import RigError
+from distal.errors import DistalError, RigError
 
 if TYPE_CHECKING:
     from distal.fitting import Fit
@@ -365,9 +365,8 @@ def learn_command(
     minutes: MinutesOption = None,
 ) -> None:
     """Learn from logs how well the joints can be known from the motors: rig, fit and an answer."""
-    from distal.fitting import fit
     from distal.from_logs import draft_columns, rig_from_logs
-    from distal.logs import read_log, sources_of
+    from distal.logs import read_log, sources_of, write_whole
     from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
     check_command_outputs(
@@ -390,14 +389,22 @@ def learn_command(
     raw.pop("map", None)  # it is learned anew
     description = build_rig(raw, out.stem)
     read = [read_log(source, description) for source in sources]
-    with stoppable(minutes), working("fitting") as show:
-        result = fit(
-            read,
-            description,
-            progress=show,
-            lag=None if reference_lag is None else in_si(reference_lag, "s"),
-            drafted=rig is None,
-        )
+    write_whole(out, text)
+    say(f"wrote {out} as far as it is known before the fit, which makes it better")
+    from distal.fitting import fit  # it takes a second to load
+
+    try:
+        with stoppable(minutes), working("fitting") as show:
+            result = fit(
+                read,
+                description,
+                progress=show,
+                lag=None if reference_lag is None else in_si(reference_lag, "s"),
+                drafted=rig is None,
+            )
+    except DistalError:
+        out.unlink(missing_ok=True)  # what cannot be fitted is not to be used
+        raise
     say_fit(result)
     result.save(out, text)
     say(f"wrote {out}; next: distal estimate LOG --rig {out}, distal export-c {out}")

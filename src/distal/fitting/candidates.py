@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -42,7 +43,6 @@ from distal.fitting.parameter_estimates import (
     by_equations,
     parameters_of,
     problem_of,
-    searched,
     without,
 )
 from distal.logs import Log, shown, true_angles
@@ -126,60 +126,46 @@ def terms_of(rig: Rig) -> Iterator[MissingTerm]:
     yield MissingTerm("moment arms that change with the angle", arms)
 
 
-@dataclass(frozen=True)
-class Tried:
-    """The terms that were tried.
-
-    Args:
-        named: terms that lower the residuals of the equations clearly, the best first, then the
-            best one together with another, each with the parameter estimates of the rig with it.
-        parameters: the parameter estimates of all rigs that were tried.
-    """
-
-    named: tuple[tuple[MissingTerm, ParameterEstimates], ...] = ()
-    parameters: tuple[ParameterEstimates, ...] = ()
+Named: TypeAlias = tuple[MissingTerm, ParameterEstimates]
+"""A term with the parameter estimates of the rig with it."""
 
 
 def tried_parts(
     logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
-) -> Tried:
-    """Return the terms that a rig may lack, tried where the residuals of its equations are much
-    larger than its sensors' noise.
+) -> list[Named]:
+    """Return the terms that lower the residuals of a rig's equations clearly, the best first, then
+    the best one together with another, tried where the residuals are much larger than the sensors'
+    noise.
 
     Nothing is tried where the parameters are not estimated by equations, or the user chose which
     are free.
     """
     if not parameters.by_equations or options.free:
-        return Tried()
-    alone = _tried(logs, rig, options, parameters)
-    if not alone.named:
-        return alone
-    first, first_parameters = alone.named[0]
-    pairs = _tried(logs, rig.with_values(first.values), options, first_parameters)
-    together = tuple(
-        (
-            MissingTerm(f"{first.name} and {second.name}", {**first.values, **second.values}),
-            pair_parameters,
-        )
-        for second, pair_parameters in pairs.named[:1]
-    )
-    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.parameters, *pairs.parameters))
+        return []
+    alone = _tried(logs, rig, options, parameters)[:MOST_NAMED]
+    pairs = list[Named]()
+    for first, first_parameters in alone[:1]:
+        with_first = rig.with_values(first.values)
+        pairs += [
+            (
+                MissingTerm(f"{first.name} and {second.name}", {**first.values, **second.values}),
+                pair_parameters,
+            )
+            for second, pair_parameters in _tried(logs, with_first, options, first_parameters)[:1]
+        ]
+    return [*alone, *pairs]
 
 
 def _tried(
     logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
-) -> Tried:
-    """Return what comes of one term more; named are the terms that leave clearly smaller residuals,
-    the smallest first.
-    """
+) -> list[Named]:
+    """Return the terms that leave clearly smaller residuals, the smallest first."""
     if max(parameters.nis, default=0.0) < UNEXPLAINED:
-        return Tried()
-    fits = with_parts(terms_of(rig), logs, rig, options, parameters)
+        return []
     limit = NAMED * _residual(parameters)
-    named = sorted(
-        (fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1])
-    )
-    return Tried(tuple(named), tuple(part_parameters for _, part_parameters in fits))
+    fits = with_parts(terms_of(rig), logs, rig, options, parameters)
+    named = (fit for fit in fits if _residual(fit[1]) < limit)
+    return sorted(named, key=lambda fit: _residual(fit[1]))
 
 
 def with_parts(
@@ -188,7 +174,7 @@ def with_parts(
     rig: Rig,
     options: Options,
     begin: ParameterEstimates,
-) -> list[tuple[MissingTerm, ParameterEstimates]]:
+) -> list[Named]:
     """Return those of the terms that the rig can have, each with the parameter estimates of the
     rig's equations with it.
 
@@ -513,9 +499,6 @@ class Judged:
         line: the map on readings alone; None where some joint's angle is known in no log.
         solutions: the parameter estimates by the rig's equations and by its filter, where each was
             asked.
-        models: the `solutions`, and the parameter estimates of all models whose equations were
-            tried.
-        chosen: the candidate that errs least on held-out logs.
         candidates: all candidates that were judged.
         interrupted: whether the user interrupted it; what was judged until then stands.
     """
@@ -524,10 +507,19 @@ class Judged:
     training: Training
     line: MapFit | None
     solutions: Sequence[ParameterEstimates]
-    models: Sequence[ParameterEstimates]
-    chosen: Candidate
     candidates: Sequence[Candidate]
     interrupted: bool
+
+    @property
+    def chosen(self) -> Candidate:
+        """The candidate that errs least on held-out logs, without a map: within the logs a map
+        hides what the filter lacks beyond them. Where none was judged, the parameters alone.
+        """
+        parameters = self.solutions[-1]
+        alone = Candidate(
+            "numbers", parameters.put_into(self.training.rig), parameters, False, np.nan, {}
+        )
+        return min(self.candidates, key=lambda candidate: candidate.error, default=alone)
 
     @property
     def error(self) -> float:
@@ -545,7 +537,8 @@ def judge(
     options: Options,
     progress: Progress | None = None,
 ) -> Judged:
-    """Return the candidates for a description of some logs, each judged on held-out logs.
+    """Return the candidates for a description of some logs that has no term more than the rig, each
+    judged on held-out logs.
 
     Args:
         logs: the logs.
@@ -561,61 +554,61 @@ def judge(
     problem = problem_of(logs, rig, options)
     solutions = parameters_of(problem, options, progress)
     stopped = solutions[-1].optimum.interrupted
-    models = list(solutions)
-    candidates = list[Candidate]()
-    if line is None:
-        chosen = _alone(solutions[-1], rig)
-        return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
-    say = progress or (lambda _: None)
+    judged = Judged(logs, training, line, solutions, (), stopped)
+    return judged if line is None else _judging(judged, _ways(training, solutions), progress)
+
+
+def with_terms(judged: Judged, progress: Progress | None = None) -> Judged:
+    """Return the candidates with those of the rig with terms that it may lack, see `tried_parts`;
+    without known angles there are none.
+    """
+    if judged.line is None or judged.interrupted:
+        return judged
+    training = judged.training
+    options = training.options
+    alone = judged.solutions[0]
     try:
-        for name, way, parameters in _ways(training, solutions):
+        tried = tried_parts(judged.logs, training.rig, options, alone)
+    except KeyboardInterrupt:
+        return replace(judged, interrupted=True)
+    ways = [
+        (
+            f"{BY_EQUATIONS}, with {part.name}",
+            replace(training, rig=training.rig.with_values(part.values), part=part),
+            parameters,
+        )
+        for part, parameters in tried
+    ]
+    return _judging(judged, ways, progress)
+
+
+def _judging(judged: Judged, ways: Sequence[Way], progress: Progress | None) -> Judged:
+    """Return the candidates with further ones, each judged on held-out logs; after an interruption
+    with those that were judged until then.
+    """
+    say = progress or (lambda _: None)
+    candidates = list(judged.candidates)
+    stopped = judged.interrupted
+    try:
+        for name, training, parameters in ways:
             say(f"judging {name}")
-            candidates.append(filter_candidate(name, way, parameters))
-        tried = Tried() if stopped else tried_parts(logs, rig, options, solutions[0])
-        models += tried.parameters
-        for part, parameters in tried.named:
-            name = f"{BY_EQUATIONS}, with {part.name}"
-            say(f"judging {name}")
-            way = replace(training, rig=rig.with_values(part.values), part=part)
-            candidates.append(filter_candidate(name, way, parameters))
-        models += [] if stopped else _with_none_left(solutions[0], options)
+            candidates.append(filter_candidate(name, training, parameters))
     except KeyboardInterrupt:
         stopped = True
-    # judged without a map: within the logs a map hides what the filter lacks beyond them
-    best = min(candidates, key=lambda candidate: candidate.error, default=None)
-    chosen = best or _alone(solutions[-1], rig)
-    return Judged(logs, training, line, solutions, models, chosen, candidates, stopped)
+    return replace(judged, candidates=candidates, interrupted=stopped)
 
 
-def _with_none_left(parameters: ParameterEstimates, options: Options) -> list[ParameterEstimates]:
-    """Return the estimates of which none stays at its prior, since that is a choice of a model too;
-    none where none stays, or the user chose which are free.
-    """
-    if options.free or not (parameters.by_equations and parameters.left.any()):
-        return []
-    free = searched(parameters.problem, parameters.optimum.z, may_stay=False)
-    if free.optimum.interrupted:
-        # the caller has the other models
-        raise KeyboardInterrupt
-    return [free]
+Way: TypeAlias = tuple[str, Training, ParameterEstimates | None]
+"""Name, logs and parameters of a candidate."""
 
 
-def _ways(
-    training: Training, solutions: Sequence[ParameterEstimates]
-) -> list[tuple[str, Training, ParameterEstimates | None]]:
-    """Return name, logs and parameters of the candidates that every fit has."""
+def _ways(training: Training, solutions: Sequence[ParameterEstimates]) -> list[Way]:
+    """Return the candidates that every fit has."""
     of_rig = [
         (BY_EQUATIONS if parameters.by_equations else BY_FILTER, training, parameters)
         for parameters in reversed(solutions)
     ]
     return [*of_rig, (AS_GIVEN, training, None)]
-
-
-def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
-    """Return the candidate of parameter estimates alone, which nothing judges because some joint's
-    angle is known in no log.
-    """
-    return Candidate("numbers", parameters.put_into(rig), parameters, False, float("nan"), {})
 
 
 def readings_map(training: Training) -> MapFit:

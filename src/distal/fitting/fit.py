@@ -42,6 +42,7 @@ from distal.fitting.candidates import (
     comparisons,
     groups_among,
     judge,
+    with_terms,
 )
 from distal.fitting.free_parameters import FittedParameter, Options, Progress, assignments, paths_of
 from distal.fitting.learned_maps import (
@@ -63,7 +64,6 @@ from distal.fitting.log_checks import (
 )
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
-    among_models,
     by_filter,
     far_from_priors,
     problem_of,
@@ -300,8 +300,7 @@ class Fit:
         those that are learned beside it from the same logs.
         """
         training = judged.training
-        alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
-        parameters = among_models(alone, judged.models)
+        parameters = chosen.parameters or judged.solutions[-1]
         maps = () if judged.line is None else answer_maps(chosen, training, judged.line)
         by_kind = {map_fit.kind: map_fit for map_fit in maps}
         ranked = sorted(judged.candidates, key=lambda way: (way is not chosen, way.error))
@@ -640,6 +639,7 @@ def fit(
         if on_time.error < judged.error:
             judged = on_time
             found_lag = 0.0
+    judged = with_terms(judged, progress)
     read = list(judged.logs)
     measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
     learned = _followed(judged, read)

@@ -197,24 +197,6 @@ def described(rig: Rig, values: Mapping[str, object]) -> Rig:
     return rig.with_values(fitted) if fitted else rig
 
 
-STEPPING = 1e-3
-"""Share of a value that stays uncertain however long the logs are, because of the model's time step
-and of the straight lines between samples. Source: judgement.
-"""
-
-POINTS = 0.04
-"""Share of a sheath's friction that stays uncertain if one point stands for the whole cable; with N
-points it is an Nth of this. Source: benchmark (benchmarks/parts).
-"""
-
-
-NOISY = 0.01
-"""Share of a drive's damping or backlash that stays uncertain, since noise of the displacements is
-in the speed that damping acts on, and pushes the ends of the gap. Source: benchmark
-(benchmarks/parts).
-"""
-
-
 @dataclass(frozen=True)
 class Free:
     """A parameter that is varied, or several that are varied by a common factor; scale, bounds and
@@ -236,7 +218,6 @@ class Free:
         per_log: whether each log has a value of its own.
         noise: whether it is the size of a noise.
         kept_by_file: whether a fitted file keeps the start where a smaller value was found.
-        coarse: share of the value that stays uncertain because of the model, however long the logs.
     """
 
     name: str
@@ -251,7 +232,6 @@ class Free:
     per_log: bool = False
     noise: bool = False
     kept_by_file: bool = False
-    coarse: float = STEPPING
 
     @property
     def start(self) -> float:
@@ -467,22 +447,7 @@ def choose(
             f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them "
             "with --free"
         )
-    return tuple(_coarse(rig, part) for part in free)
-
-
-def _coarse(rig: Rig, part: Free) -> Free:
-    """Return what is varied, with a larger `coarse` where the model leaves more of it uncertain
-    than elsewhere.
-    """
-    for path in part.paths:
-        kind, index, *fields = path.split(".")
-        if kind == "drives" and fields in (["damping"], ["backlash", "width"]):
-            return replace(part, coarse=NOISY)
-        if kind == "tendons" and fields[0] == "path":
-            along = rig.tendons[int(index)].path
-            if along is not None and along.nodes > 0:
-                return replace(part, coarse=POINTS / along.nodes)
-    return part
+    return tuple(free)
 
 
 def _uncertain(

@@ -29,7 +29,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar, Vector
-from distal.fitting.objective import Data, FitFilter, Innovations, Problem, SearchSettings
+from distal.fitting.objective import Data, FitFilter, Innovations, Problem
 from distal.kernels import Feed, Kernel, kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Sensor
@@ -58,6 +58,13 @@ SLOW = 0.03
 FEWEST_SAMPLES = 100
 """Least number of samples with all angles and positions that every log needs, so that the equations
 are asked. Source: judgement.
+"""
+
+POWER = 0.1
+"""Power of the likelihood beside the priors [1]. No rig has all physics of its logs, and equations
+have no state that holds what they lack: with 1, parameters that show only together carry it (power
+posterior; Holmes and Walker, Biometrika 104, 2017; Miller and Dunson, J. American Statistical
+Association 114, 2019). Source: benchmark (docs/results/from-logs.md).
 """
 
 LEAST_VARIANCE = 1e-18
@@ -295,6 +302,7 @@ class InverseProblem(Problem):
     """
 
     asks_equations: ClassVar[bool] = True
+    power: ClassVar[float] = POWER
 
     equations: Equations
     motions: tuple[KnownMotion, ...]
@@ -358,6 +366,4 @@ def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem |
         equations=equations,
         motions=motions,
         noises=noises,
-        # an iteration with a filter takes as long as a hundred of these, which have hardly a kink
-        settings=SearchSettings(enough=0.02, iterations=50),
     )

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from distal.arrays import Floats
@@ -126,12 +126,7 @@ class Task:
 
     def without(self, prior: Prior) -> list[Weights]:
         """Return for each log the weights that the other groups tell."""
-        others = {
-            group: [log for g, log in zip(self.groups, self.logs) if g != group]
-            for group in set(self.groups)
-        }
-        weights = {group: Weights.of(self.shape, prior, logs) for group, logs in others.items()}
-        return [weights[group] for group in self.groups]
+        return Weights.without(self.shape, prior, self.logs, self.groups)
 
     def held_out(self, prior: Prior) -> list[tuple[Floats, Floats]]:
         """Return errors and variances on each log by the weights that the other groups tell, after
@@ -143,11 +138,34 @@ class Task:
         """Return the density of each log by the weights that the other groups tell."""
         return np.array([density(*pair) for pair in self.held_out(prior)])
 
-    def search(self, each: float = 1.0, lags: bool = True) -> tuple[Prior, float]:
-        """Return the hyperparameters with the largest density of logs left out, with a normal prior
-        around the usual ones, and −ln of that posterior density, but for a constant.
+    def cost(self, z: Floats, each: float = 1.0) -> float:
+        """Return −ln of the posterior density of hyperparameters, but for a constant: by logs left
+        out, with a normal prior around the usual ones.
 
         Args:
+            z: coordinates, see `SEARCHED`.
+            each: number of independent samples for which a log counts.
+        """
+        try:
+            without = self.without(moved(z))
+            pairs = [weights.errors(log) for weights, log in zip(without, self.logs)]
+            # what is given must not come as a surprise either
+            pairs += [
+                weights.errors(replace(log.rows(log.given), given=np.zeros(count, bool)))
+                for weights, log in zip(without, self.logs)
+                if (count := np.count_nonzero(log.given))
+            ]
+        except np.linalg.LinAlgError:
+            return 1e9
+        densities = [density(*pair) for pair in pairs if len(pair[0])]
+        total = sum(densities) * len(set(self.groups)) / len(self.logs)
+        return float(0.5 * np.sum((z / SPREAD) ** 2) - each * total)
+
+    def search(self, starts: ArrayLike = STARTS, each: float = 1.0, lags: bool = True) -> Floats:
+        """Return the coordinates of the likeliest hyperparameters, see `cost`.
+
+        Args:
+            starts: coordinates, (n, 7) or (7,), at the likeliest of which the search begins.
             each: number of independent samples for which a log counts.
             lags: whether joints may follow their drives later than usual.
         """
@@ -158,27 +176,13 @@ class Task:
         def cost(of_free: Floats) -> float:
             z = np.zeros(len(free))
             z[free] = of_free
-            try:
-                without = self.without(moved(z))
-                pairs = [weights.errors(log) for weights, log in zip(without, self.logs)]
-                # what is given must not come as a surprise either
-                pairs += [
-                    weights.errors(replace(log.rows(log.given), given=np.zeros(count, bool)))
-                    for weights, log in zip(without, self.logs)
-                    if (count := np.count_nonzero(log.given))
-                ]
-            except np.linalg.LinAlgError:
-                return 1e9
-            densities = [density(*pair) for pair in pairs if len(pair[0])]
-            total = sum(densities) * len(set(self.groups)) / len(self.logs)
-            return float(0.5 * np.sum((z / SPREAD) ** 2) - each * total)
+            return self.cost(z, each)
 
         options = {"maxfev": EVALUATIONS, "xtol": 0.1, "ftol": 1e-3}
-        start = min(np.array(STARTS)[:, free], key=cost)
-        found = minimize(cost, start, method="Powell", options=options)
+        start = min(np.atleast_2d(starts)[:, free], key=cost)
         best = np.zeros(len(free))
-        best[free] = found.x
-        return moved(best), float(found.fun)
+        best[free] = minimize(cost, start, method="Powell", options=options).x
+        return best
 
 
 @dataclass(frozen=True)
@@ -236,9 +240,6 @@ class HeldOut:
     variances: Floats
 
 
-Learned: TypeAlias = tuple[Prior, Task, float, float]
-"""What a joint's map is made of: hyperparameters, logs, and centre and scale of its targets."""
-
 SMALLEST_SCALE = 1e-9
 """Least scale of targets [rad, N m]. Source: rounding (division by a scale of zero)."""
 
@@ -261,27 +262,34 @@ def learned_map(
         plays: factors on half-widths of plays, of which the likeliest is taken.
     """
     joints = range(logs[0].targets.shape[1])
+    seen = {play: Seen.of(logs, described, play) for play in plays}
+    tasks = {
+        play: [of_play.task(logs, joint, groups, homing) for joint in joints]
+        for play, of_play in seen.items()
+    }
+    first, *_ = plays
+    found = [task.in_groups.search() for task, *_ in tasks[first]]
 
-    def searched(play: float) -> tuple[float, Seen, list[Learned]]:
-        seen = Seen.of(logs, described, play)
-        tasks = [seen.task(logs, joint, groups, homing) for joint in joints]
-        priors = [task.in_groups.search() for task, *_ in tasks]
-        learned = [(prior, *task) for (prior, _), task in zip(priors, tasks)]
-        return sum(cost for _, cost in priors), seen, learned
+    def cost(play: float) -> float:
+        return sum(task.in_groups.cost(z) for (task, *_), z in zip(tasks[play], found))
 
-    _, seen, maps = min(map(searched, plays), key=lambda by_play: by_play[0])
+    likeliest = min(plays, key=cost)
+    if likeliest != first:
+        found = [task.in_groups.search(z) for (task, *_), z in zip(tasks[likeliest], found)]
+    maps = [(moved(z), *task) for z, task in zip(found, tasks[likeliest])]
     results = [_of_joint(*of_joint) for of_joint in maps]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
     arrays["correlation"] = _correlation([held_out for _, held_out in results])
     every = np.vstack([log.every for log in logs])
+    frame = seen[likeliest].frame
     learned = LearnedMap(
         **described,
-        beside_filter=seen.shape.angles > 0,
+        beside_filter=seen[likeliest].shape.angles > 0,
         logs=len(logs),
         low=tuple(np.nanmin(every, axis=0).tolist()),
         high=tuple(np.nanmax(every, axis=0).tolist()),
         **scores_of([held_out for _, held_out in results]),
-        arrays=MapArrays(**seen.frame, rate=rates_of(logs, seen.frame["scale"]), **arrays),
+        arrays=MapArrays(**frame, rate=rates_of(logs, frame["scale"]), **arrays),
     )
     return learned, [held_out for _, held_out in results]
 

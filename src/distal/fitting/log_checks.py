@@ -26,7 +26,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError, FitError
 from distal.estimators import channels_of, samples_of_angles
-from distal.fitting.learned_maps import Seen, Task
+from distal.fitting.learned_maps import Seen, Task, moved
 from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
 from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples, yardstick_error
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names
@@ -92,7 +92,7 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
         on_time = np.inf
     else:
         prior = np.log(LATE) + _log_density(lag) + np.log(2.0 / (UNUSUAL_STD * np.sqrt(2 * np.pi)))
-        on_time = sum(task.search(each, lags=False)[1] for task in tasks) + np.log(LATE)
+        on_time = _searched(tasks, each)[1] + np.log(LATE)
     # a joint behind a pure delay looks as a late reference does
     late_joint = min(as_joint, as_reference) - np.log(LATE / LARGEST)
     return lag if as_reference < min(late_joint + prior, on_time + _log_density(lag)) else 0.0
@@ -137,10 +137,17 @@ def _likeliest(tasks_at: Callable[[float], list[Task]], each: float) -> tuple[fl
             cost, args=(tried,), bounds=bounds, method="bounded", options=options
         )
         age = float(search.x)
-        found = [task.search(each, lags=False) for task in tasks_at(age)]
-        tried = [[prior] for prior, _ in found]
-        least = sum(of_task for _, of_task in found)
+        found, least = _searched(tasks_at(age), each)
+        tried = [[moved(z)] for z in found]
     return least, age
+
+
+def _searched(tasks: Sequence[Task], each: float) -> tuple[list[Floats], float]:
+    """Return the likeliest coordinates of each task's hyperparameters, and −ln of their posterior
+    density; see `Task.search` for `each`.
+    """
+    found = [task.search(each=each, lags=False) for task in tasks]
+    return found, sum(task.cost(z, each) for task, z in zip(tasks, found))
 
 
 NOISES = (-1.0, 1.0, 3.0)

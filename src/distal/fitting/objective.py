@@ -127,7 +127,6 @@ class Weighing:
     Args:
         tolerance: the ν²/(c S) above which an innovation is an outlier, (m,).
         share: weight of one value, (m,).
-        times: stamps of the samples [s], (k,).
         counts: number of values of each channel that those compared stand for, (m,). Which values
             are compared depends on the parameters (a drive's force near its stop is not), and fewer
             values must not make a log look likelier or less likely.
@@ -137,7 +136,6 @@ class Weighing:
 
     tolerance: Floats
     share: Floats
-    times: Floats
     counts: Floats
     scale: Floats | float = 1.0
 
@@ -150,16 +148,11 @@ class Derivatives:
         cost: −ln p.
         gradient: its gradient by the coordinates, (n,).
         information: Fisher information of the logs, (n, n).
-        meat: long-run covariance of the scores, (n, n): equal to the information where the model is
-            right.
-        spans: number of spans of time that `meat` is summed over.
     """
 
     cost: float
     gradient: Floats
     information: Floats
-    meat: Floats
-    spans: int
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
@@ -225,8 +218,8 @@ def evened(run: Innovations, weighing: Weighing) -> Floats:
     compared in this run does not matter.
     """
     compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST_SHARE * weighing.counts)
-    shares: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
-    return shares
+    even: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
+    return even
 
 
 def derivatives_of(
@@ -269,29 +262,8 @@ def derivatives_of(
     scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
     root = slopes * np.sqrt(weight / (spread * inflation))
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
-    meat, spans = long_run_covariance(
-        scores, np.broadcast_to(weighing.times[:, None], shape)[compared]
-    )
     information = root @ root.T + spreads @ spreads.T
-    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information, meat, spans)
-
-
-def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:
-    """Return Σ s sᵀ, (n, n), where s is the sum of `scores`, (n, k), over a span of `CORRELATED` s,
-    and the number of spans.
-
-    The stamps `times` [s], (k,), give the spans. Where the model is wrong, innovations are
-    correlated and Fisher's information is too large; this matrix is the covariance that the scores
-    really have (White, Econometrica 50, 1982; Newey and West, Econometrica 55, 1987).
-    """
-    if not len(times):
-        return np.zeros((len(scores), len(scores))), 0
-    spans = np.floor((times - times.min()) / CORRELATED).astype(int)
-    count = int(spans.max()) + 1
-    sums = np.array([np.bincount(spans, score, minlength=count) for score in scores]).reshape(
-        -1, count
-    )
-    return sums @ sums.T, count
+    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information)
 
 
 NEAR_STOP = float(np.deg2rad(0.5))
@@ -431,15 +403,11 @@ class Problem:
         free: the parameters that are varied.
         data: the logs.
         out: indices of the logs that are left out.
-        homing: for how long the reference is read [s], None for never; with it only the reference
-            after that time is compared.
-        aided: whether, without homing, the reference is read wherever it is known, as one more
-            sensor. This identifies more where the model is right; where the model is wrong it hides
-            the errors of the angle.
+        homing: for how long the reference is read [s], None for never, since it would hide the
+            errors of the angle; with it only the reference after that time is compared.
         open_loop: whether no force is read, and only the reference compared.
         workers: number of threads; the result does not depend on it.
-        weight: weights of the channels' values; None before they are assessed, when every value
-            counts in full.
+        weight: weights of the channels' values; None before they are assessed.
         noises: free noises that are not varied.
         settings: how a search for the least −ln p goes.
     """
@@ -447,12 +415,15 @@ class Problem:
     asks_equations: ClassVar[bool] = False
     """Whether the residuals are those of the rig's equations, not of its filter."""
 
+    power: ClassVar[float] = 1.0
+    """Power of the likelihood beside the priors [1]; a filter's own states hold what its rig lacks.
+    """
+
     filter: FitFilter
     free: tuple[Free, ...]
     data: tuple[Data, ...]
     out: frozenset[int] = frozenset()
     homing: float | None = None
-    aided: bool = False
     open_loop: bool = False
     workers: int = 2
     weight: Weight | None = None
@@ -470,7 +441,7 @@ class Problem:
             j: np.isfinite(run.values).sum(axis=0).astype(np.float64)
             for j, run in zip(self.logs, runs)
         }
-        shares = shares_of(runs, [self._times(j) for j in self.logs])
+        shares = self.power * shares_of(runs, [self._times(j) for j in self.logs])
         return replace(self, weight=Weight(shares, counts))
 
     @property
@@ -579,8 +550,6 @@ class Problem:
         """The kernel's rows of each log; where the reference is not read, its mask says that it is
         compared only.
         """
-        if self.aided and self.homing is None:
-            return tuple(data.rows for data in self.data)
         masked = []
         for data in self.data:
             rows = data.rows.copy()
@@ -619,12 +588,10 @@ class Problem:
     def _weighing(self, log: int, scale: Floats) -> Weighing:
         """Return the weights, tolerances and scales for the values of a log's channels."""
         none = np.zeros(len(self.measured))
-        share, counts = (
-            (none + 1.0, none)
-            if self.weight is None
-            else (self.weight.share, self.weight.counts[log])
-        )
-        return Weighing(self._tolerance, share, self._times(log), counts, scale)
+        weight = self.weight
+        if weight is None:
+            return Weighing(self._tolerance, none + self.power, none, scale)
+        return Weighing(self._tolerance, weight.share, weight.counts[log], scale)
 
     def scales(self, runs: Sequence[Innovations]) -> Floats:
         """Return c of each channel, (m,): the factor, at least 1, by which the innovations'
@@ -684,15 +651,12 @@ class Problem:
             sides.append([next(runs) if width else base for width in widths[self.columns(j)]])
         scale = self.scales(bases)
         cost = self._prior(z)
-        spans = 0
         gradient = self.prior_information @ z
-        information, meat = np.zeros((2, self.size, self.size))
+        information = np.zeros((self.size, self.size))
         for j, base, side in zip(self.logs, bases, sides):
             at = self.columns(j)
             part = derivatives_of(base, side, (ends - z)[at], self._weighing(j, scale))
             cost += part.cost
-            spans += part.spans
             gradient[at] += part.gradient
             information[np.ix_(at, at)] += part.information
-            meat[np.ix_(at, at)] += part.meat
-        return Derivatives(cost, gradient, information, meat, spans)
+        return Derivatives(cost, gradient, information)

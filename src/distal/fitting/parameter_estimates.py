@@ -3,8 +3,7 @@ tried side by side.
 
 Standard errors of a fit, and the reasons not to trust it.
 
-The estimation of a rig's parameters: by its equations where these can be asked, by its filter,
-and which parameters stay at their priors.
+The estimation of a rig's parameters: by its equations where these can be asked, and by its filter.
 """
 
 from __future__ import annotations
@@ -103,9 +102,7 @@ def search(
     z = _inside(problem, start)
     widths = first_widths(problem) if near is None else widths_at(problem, z, near)
     n = problem.size  # an interruption may come before the first derivatives
-    optimum = Optimum(
-        z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
-    )
+    optimum = Optimum(z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n))))
     wider = 1.0
     damping = settings.first_damping
     try:
@@ -214,43 +211,11 @@ def damped_step(
     return step, predicted
 
 
-def covariance_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Floats:
-    """Return the covariance of the coordinates' errors at the end z of a fit, (n,).
-
-    It is H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the prior's and J the long-run
-    covariance of the scores, but no less than H⁻¹; the variances of `Free.coarse` are added.
+def covariance_at(problem: Problem, derivatives: Derivatives) -> Floats:
+    """Return the covariance of the coordinates at the end of a search, (n, n): the inverse of the
+    information of logs and priors.
     """
-    inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
-    # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
-    few = derivatives.spans / max(derivatives.spans - problem.size, 1)
-    sandwich = inverse @ (few * derivatives.meat + problem.prior_information) @ inverse
-    variances = np.maximum(np.diag(sandwich), np.diag(inverse))
-    scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
-    covariance = np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
-    coarse = [
-        part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300)
-        for (part, _), c in zip(problem.parts, z)
-    ]
-    covariance += np.diag(np.square(coarse))
-    # no error is larger than the prior's std
-    stds = np.maximum(np.sqrt(np.diag(covariance)), 1e-300)
-    shrink = np.minimum(1.0, problem.prior_stds / stds)
-    covariance *= np.outer(shrink, shrink)
-    return covariance
-
-
-def errors_holding(covariance: Floats, held: Bools) -> Floats:
-    """Return the standard errors with this `covariance`, (n, n), if the `held` coordinates are
-    taken as known, (n,); 0 for those.
-    """
-    errors = np.zeros(len(held))
-    free = ~held
-    across = covariance[np.ix_(free, held)]
-    # errors may be exactly correlated: then the covariance has no inverse
-    of_held = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True)
-    left = np.diag(covariance)[free] - np.diag(across @ of_held @ across.T)
-    errors[free] = np.sqrt(np.maximum(left, 0.0))
-    return errors
+    return np.asarray(np.linalg.pinv(hessian(problem, derivatives), hermitian=True))
 
 
 LARGEST_NIS = 5.0
@@ -357,36 +322,10 @@ the drives (6 to 8 with inertia, above 15 without). Source: benchmark (benchmark
 """
 
 
-IDENTIFIED = 0.9
-"""Ratio of a parameter's standard error to its prior's std, above which it stays at its prior [1].
-Source: judgement.
-"""
-
-CONFOUNDED = 0.5
-"""The same ratio where it shows only together with others: it would carry what the model lacks [1].
-Source: judgement.
-"""
-
-SEEN_ALONE = 0.2
-"""Ratio of a parameter's standard error if all others were known to its standard error, below which
-it shows only together with others [1]. Source: judgement.
-"""
-
 DIVERGED = (
     "{}: the filter leaves all bounds on these logs; check the units of logs and rig "
     "(distal estimate)"
 )
-
-
-REFERENCE_RATIO = 2.0
-"""Largest mean ν²/S of a channel with which the reference may become one more sensor. Source:
-judgement.
-"""
-
-HAUSMAN = 4.0
-"""Largest mean change of the rig's parameters, squared and over their variances, with which the
-reference may become one more sensor. Source: judgement.
-"""
 
 
 @dataclass(frozen=True)
@@ -397,7 +336,6 @@ class ParameterEstimates:
         problem: what was minimised.
         optimum: where the search ended.
         covariance: of the coordinates' errors, (n, n).
-        left: which coordinates stay at their prior, (n,).
         fitted: every free parameter after the fit.
         doubts: sentences with the reasons not to trust the fit.
         nis: mean ν²/S per channel at the end; 1 is expected.
@@ -406,7 +344,6 @@ class ParameterEstimates:
     problem: Problem
     optimum: Optimum
     covariance: Floats
-    left: Bools
     fitted: tuple[FittedParameter, ...]
     doubts: tuple[str, ...]
     nis: tuple[float, ...]
@@ -489,84 +426,38 @@ def by_filter(
     raise FitError(DIVERGED.format(problem.filter.rig.name))
 
 
-def among_models(
-    parameters: ParameterEstimates, models: Sequence[ParameterEstimates]
-) -> ParameterEstimates:
-    """Return estimates by equations with larger errors, which include how much the estimates of
-    other `models` of the same logs differ.
-
-    The covariance grows by the mean square distance of the ends of all models' searches from these
-    estimates (all models being equally likely; Draper, J. Royal Statistical Society B 57, 1995).
-    The stated errors of one model hold only if it is right; parameters that change with a term more
-    or less, or by the filter, are known less well. The stds of the file stay as they were.
-    """
-    if not parameters.by_equations or len(models) < 2:
-        return parameters
-    problem = parameters.problem
-    optimum = parameters.optimum
-    ends = np.array(
-        [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
-    )
-    away = ends - optimum.z
-    spread = away.T @ away / len(models)
-    wider = parameters.covariance + spread
-    fitted = fitted_parameters(problem, optimum, wider, parameters.left)
-    return replace(parameters, covariance=wider, fitted=tuple(fitted))
-
-
-def _translated(
-    problem: Problem, z: Floats, target: Problem, default: Floats | None = None
-) -> Floats:
+def _translated(problem: Problem, z: Floats, target: Problem) -> Floats:
     """Return the coordinates z of one problem as those of another, `target`; those that only this
-    one has are the default, or 0.
+    one has are 0.
     """
     coordinates = {
         (part.name, log): coordinate for (part, log), coordinate in zip(problem.parts, z)
     }
-    missing = np.zeros(target.size) if default is None else default
-    return np.array(
-        [coordinates.get((part.name, log), at) for (part, log), at in zip(target.parts, missing)]
-    )
+    return np.array([coordinates.get((part.name, log), 0.0) for part, log in target.parts])
 
 
 def searched(
     problem: Problem,
     start: Floats,
     progress: Callable[[int, float], None] | None = None,
-    may_stay: bool = True,
 ) -> ParameterEstimates:
     """Return the estimates from the most likely parameters of a problem, by a search from the
     coordinates `start`, (n,), that tells its `progress`.
-
-    Where they `may_stay`, parameters of which the logs tell little stay at their priors.
     """
     problem, optimum = most_likely(problem, start, progress)
-    if not (problem.asks_equations or problem.open_loop or optimum.interrupted):
-        problem, optimum = _with_reference(problem, optimum, progress)
-    covariance = covariance_at(problem, optimum.derivatives, optimum.z)
-    left = np.zeros(problem.size, dtype=bool)
-    if may_stay and not (problem.open_loop or optimum.interrupted):
-        left = _staying(problem, covariance)
-    if left.any() and not left.all():
-        # where the others go when these move to their priors, by the information of all
-        information = hessian(problem, optimum.derivatives)
-        moved = np.where(left, -optimum.z, 0.0)
-        moved[~left] = -np.linalg.solve(
-            information[np.ix_(~left, ~left)], (information @ moved)[~left]
-        )
-        optimum = search(problem, optimum.z + moved, progress, fixed=left, near=optimum.derivatives)
+    covariance = covariance_at(problem, optimum.derivatives)
     nis = nis_of(problem, optimum.z)
     doubts = list[str]()
     if not optimum.interrupted:
         doubts += doubts_of(problem, optimum.z, nis)
         doubts += [] if optimum.converged else [NOT_CONVERGED]
-    fitted = tuple(fitted_parameters(problem, optimum, covariance, left))
-    return ParameterEstimates(problem, optimum, covariance, left, fitted, tuple(doubts), nis)
+    fitted = tuple(fitted_parameters(problem, optimum, covariance))
+    return ParameterEstimates(problem, optimum, covariance, fitted, tuple(doubts), nis)
 
 
 def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
-    """Return the parameters that all logs but some tell, `logs`: a search from those of all logs.
-    Which of them stay at their priors, and their stds, are as with all logs.
+    """Return the parameters that all logs but some tell, `logs`: a search from those of all logs,
+    whose stds they have.
 
     What each log has anew is in a log that is left out as in the others in the mean.
 
@@ -582,7 +473,7 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
         of_others,
         parameters.optimum.z,
         most=problem.settings.first_iterations,
-        fixed=parameters.left | np.array([log in out for _, log in problem.parts]),
+        fixed=np.array([log in out for _, log in problem.parts]),
         near=parameters.optimum.derivatives,
     )
     if optimum.interrupted:
@@ -594,30 +485,8 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
                 [z[i] for i, (p, j) in enumerate(problem.parts) if p is part and j not in out]
             )
     moved = replace(parameters.optimum, z=z)
-    fitted = fitted_parameters(problem, moved, parameters.covariance, parameters.left)
+    fitted = fitted_parameters(problem, moved, parameters.covariance)
     return replace(parameters, optimum=moved, fitted=tuple(fitted))
-
-
-def _staying(problem: Problem, covariance: Floats) -> Bools:
-    """Return which coordinates stay at their priors, (n,), one by one, the least known first; of
-    noise and of what each log has anew there are none.
-    """
-    left = np.zeros(problem.size, dtype=bool)
-    may_stay = np.array(
-        [not part.noise and log is None and part.has_prior for part, log in problem.parts]
-    )
-    precisions = np.diag(np.linalg.pinv(covariance, hermitian=True))
-    # the variance if all others were known
-    alone = 1.0 / np.maximum(precisions, 1e-300)
-    together = alone < SEEN_ALONE**2 * np.diag(covariance)
-    limit = np.where(together, CONFOUNDED, IDENTIFIED) * problem.prior_stds
-    while True:
-        share = errors_holding(covariance, left) / limit
-        share[~may_stay | left] = 0.0
-        at = int(np.argmax(share))
-        if share[at] < 1.0:
-            return left
-        left[at] = True
 
 
 def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
@@ -669,44 +538,14 @@ def _filter(
     return FitFilter(rig, references, free, compiled)
 
 
-def _with_reference(
-    problem: Problem, optimum: Optimum, progress: Callable[[int, float], None] | None
-) -> tuple[Problem, Optimum]:
-    """Return problem and search with the reference as one more sensor, or as they are where the two
-    contradict each other.
-
-    With the reference read, the logs identify more where the model is right; where the model is
-    wrong it hides the errors of the angle. So it is read where no channel has larger innovations
-    than expected, and the two fits are compared as Hausman does (Econometrica 46, 1978): the rig's
-    parameters may not change by more than their errors without the reference allow.
-    """
-    if (
-        problem.homing is not None
-        or float(np.max(problem.scales(problem.at(optimum.z)))) > REFERENCE_RATIO
-    ):
-        return problem, optimum
-    parameters = np.flatnonzero([not part.noise for part, _ in problem.parts])
-    covariance = covariance_at(problem, optimum.derivatives, optimum.z)[
-        np.ix_(parameters, parameters)
-    ]
-    with_it, tried = most_likely(replace(problem, aided=True), optimum.z, progress)
-    moved = (tried.z - optimum.z)[parameters]
-    if tried.interrupted or not moved @ np.linalg.solve(covariance, moved) < HAUSMAN * len(
-        parameters
-    ):
-        return problem, replace(optimum, interrupted=tried.interrupted)
-    return with_it, tried
-
-
 def fitted_parameters(
-    problem: Problem, optimum: Optimum, covariance: Floats, left: Bools
+    problem: Problem, optimum: Optimum, covariance: Floats
 ) -> list[FittedParameter]:
     """Return every free parameter as a search found it, in its own unit, with the `covariance` of
-    the coordinates, (n, n), and those that were `left` at their priors, (n,), with these; without
-    convergence it has no standard error.
+    the coordinates, (n, n); without convergence it has no standard error.
     """
     coordinates = [problem.columns(j) for j in range(len(problem.data))]
-    errors = np.where(left, np.inf, np.sqrt(np.diag(covariance)))
+    errors = np.sqrt(np.diag(covariance))
     has_errors = optimum.converged and not optimum.interrupted
     parameters = [_by_scale(problem, optimum.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):

@@ -100,7 +100,7 @@ def part_values(log: Log, part: Subsystem, sweeps: Sweeps) -> Values:
     at_ends = _at_ends(rig, sweeps)
     prior = rig.with_values(at_ends)
     problem = problem_of([cut], prior, Options(noise=pairs, workers=1))
-    parameters = searched(problem, _likeliest(problem, prior), may_stay=False)
+    parameters = searched(problem, _likeliest(problem, prior))
     if not np.isfinite(parameters.optimum.cost):
         raise FitError(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"

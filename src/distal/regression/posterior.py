@@ -217,20 +217,32 @@ class Weights:
     @classmethod
     def of(cls, shape: Shape, prior: Prior, logs: Sequence[Evidence]) -> Weights:
         """Return the weights that logs tell; without logs they are those of the prior."""
+        return cls._summed(shape, prior, [_terms(shape, prior, log) for log in logs])
+
+    @classmethod
+    def without(
+        cls, shape: Shape, prior: Prior, logs: Sequence[Evidence], groups: Sequence[int]
+    ) -> list[Weights]:
+        """Return for each log the weights that the logs of the other `groups` tell."""
+        terms = list(zip(groups, [_terms(shape, prior, log) for log in logs]))
+        of_group = {
+            out: cls._summed(shape, prior, [term for group, term in terms if group != out])
+            for out in set(groups)
+        }
+        return [of_group[group] for group in groups]
+
+    @classmethod
+    def _summed(cls, shape: Shape, prior: Prior, terms: Sequence[Told]) -> Weights:
         shared, of_log = _variances(shape, prior)
-        n = len(of_log)
         information = np.diag(1.0 / shared)
         score = np.zeros(len(shared))
-        for log in logs:
-            noise = _noise(prior, log.spacing)
-            gram, moment = log.gram / noise, log.moment / noise
-            inner = np.linalg.inv(np.diag(1.0 / of_log) + gram[:n, :n])
-            information = information + gram - gram[:, :n] @ inner @ gram[:n]
-            score = score + moment - gram[:, :n] @ (inner @ moment[:n])
+        for of_information, of_score in terms:
+            information = information + of_information
+            score = score + of_score
         covariance = np.linalg.inv(information)
         covariance = (covariance + covariance.T) / 2
         mean = covariance @ score
-        covariance[np.arange(n), np.arange(n)] += of_log
+        covariance[np.diag_indices(len(of_log))] += of_log
         return cls(shape, prior, mean, covariance)
 
     def given(self, log: Evidence, offset: float = 0.0) -> Weights:
@@ -296,12 +308,31 @@ class Weights:
         """Return errors and variances on a log that they have not seen, after its `given` samples,
         (k,) each.
         """
-        after = self.given(log.rows(log.given)) if log.given.any() else self
-        later = log.rows(~log.given)
+        after = self
+        later = log
+        if log.given.any():
+            after = self.given(log.rows(log.given))
+            later = log.rows(~log.given)
         # an inverse with rounding errors may be indefinite by a little
         spread = np.maximum(np.sum((later.phi @ after.covariance) * later.phi, axis=1), 0.0)
         noise = np.exp(2 * self.prior.noise)
         return later.target - later.phi @ after.mean, spread + noise + after._variance_beside(later)
+
+
+Told: TypeAlias = tuple[Floats, Floats]
+"""What a log tells of the shared weights b: its term of their information, (n, n), and that of the
+score, (n,).
+"""
+
+
+def _terms(shape: Shape, prior: Prior, log: Evidence) -> Told:
+    """Return what a log tells of the shared weights, whatever those are that it draws anew."""
+    _, of_log = _variances(shape, prior)
+    n = len(of_log)
+    noise = _noise(prior, log.spacing)
+    gram, moment = log.gram / noise, log.moment / noise
+    inner = gram[:, :n] @ np.linalg.inv(np.diag(1.0 / of_log) + gram[:n, :n])
+    return gram - inner @ gram[:n], moment - inner @ moment[:n]
 
 
 def _noise(prior: Prior, spacing: float) -> float:
