@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.regression import Shape, features_along
 from distal.rig import LearnedMap, MapArrays, Rig
 from distal.rig.learned import features_of
 
@@ -59,18 +60,23 @@ def drawn_map(
 def constant_map(joint: str, channels: tuple[str, ...], offset: float, std: float) -> LearnedMap:
     """Return the map of a joint that adds an `offset` of a standard deviation, whatever is read."""
     drawn = drawn_map((joint,), channels)
-    arrays = dict(drawn.arrays.by_name)
-    arrays["mean"] = np.zeros_like(arrays["mean"])
-    arrays["mean"][0, 0] = offset
-    arrays |= {name: 0.0 * arrays[name] for name in ("covariance", "radial")}
-    arrays |= {"noise": np.array([std**2]), "filter": np.ones(1)}
-    return drawn.model_copy(update={"arrays": MapArrays(**arrays)})
+    mean, covariance, radial = (
+        0.0 * drawn.arrays[name] for name in ("mean", "covariance", "radial")
+    )
+    mean[0, 0] = offset
+    zero = {"mean": mean, "covariance": covariance, "radial": radial}
+    return with_arrays(drawn, **zero, noise=np.array([std**2]), filter=np.ones(1))
 
 
 def resting(learned: LearnedMap) -> LearnedMap:
     """Return a map of logs in which nothing moves: a filter judges positions as without it."""
-    arrays = {**learned.arrays.by_name, "rate": 0.0 * learned.arrays["rate"]}
-    return learned.model_copy(update={"arrays": MapArrays(**arrays)})
+    return with_arrays(learned, rate=0.0 * learned.arrays["rate"])
+
+
+def with_arrays(learned: LearnedMap, **changed: Floats) -> LearnedMap:
+    """Return a map with other numbers."""
+    arrays = MapArrays(**{**learned.arrays.by_name, **changed})
+    return learned.model_copy(update={"arrays": arrays})
 
 
 def with_drawn(rig: Rig, seed: int = 8, size: float = 0.01) -> Rig:
@@ -83,6 +89,18 @@ def with_drawn(rig: Rig, seed: int = 8, size: float = 0.01) -> Rig:
         readings=[drawn_map(joints, channels, False, seed, size)],
         filter=[resting(drawn_map(joints, channels, True, seed, size))],
     )
+
+
+def frame_of(learned: LearnedMap) -> Floats:
+    """Return what the features of a map are computed with, as one vector."""
+    arrays = learned.arrays
+    names = Shape.of(learned).frame.names
+    return np.concatenate([arrays[name].ravel(order="F") for name in names])
+
+
+def along(learned: LearnedMap, time: Floats, readings: Floats) -> dict[str, Floats]:
+    """Return what a map sees over a log."""
+    return features_along(Shape.of(learned), frame_of(learned), time, readings)
 
 
 def predict(learned: LearnedMap, outputs: dict[str, Floats], joint: int) -> tuple[Floats, Floats]:

@@ -18,12 +18,8 @@ pytestmark = pytest.mark.usefixtures("as_users_compile")
 def kernel(compiled: bool) -> Kernel:
     kernel_state, x, p = ca.SX.sym("kernel_state", 2), ca.SX.sym("x"), ca.SX.sym("p")
     following = ca.vertcat(kernel_state[1] + p, ca.sin(kernel_state[0]) + x)
-    return Kernel(
-        ca.Function(
-            "driver", [kernel_state, x, p], [following, ca.vertcat(kernel_state[0] * x, p)]
-        ),
-        compiled,
-    )
+    outputs = [following, ca.vertcat(kernel_state[0] * x, p)]
+    return Kernel(ca.Function("driver", [kernel_state, x, p], outputs), compiled)
 
 
 @pytest.mark.parametrize("compiled", [False, True])
@@ -37,16 +33,13 @@ def test_more_runs_than_lanes_are_those_of_one_by_one(
     ]
     driven = kernel(compiled)
     runs = advance_all(driven, feeds, keep)
-    assert len(runs) == len(feeds)
-    for feed, run in zip(feeds, runs):
-        kernel_state = feed.kernel_state
-        for k, x in enumerate(feed.rows[:, 0]):
-            expected = np.array([kernel_state[1] + feed.p[0], np.sin(kernel_state[0]) + x])
-            np.testing.assert_allclose(run.ys[k], [kernel_state[0] * x, feed.p[0]], rtol=1e-14)
-            np.testing.assert_allclose(
-                run.kernel_states[k], expected if keep is None else expected[list(keep)], rtol=1e-12
-            )
-            kernel_state = expected
+    kept = [0, 1] if keep is None else list(keep)
+    for feed, run in zip(feeds, runs, strict=True):
+        one, other = feed.kernel_state
+        for x, state, y in zip(feed.rows[:, 0], run.kernel_states, run.ys, strict=True):
+            np.testing.assert_allclose(y, [one * x, feed.p[0]], rtol=1e-14)
+            one, other = other + feed.p[0], np.sin(one) + x
+            np.testing.assert_allclose(state, np.array([one, other])[kept], rtol=1e-12)
         np.testing.assert_array_equal(run.ys, advance(driven, feed).ys)
 
 

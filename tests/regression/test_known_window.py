@@ -11,12 +11,12 @@ from distal import LiveEstimator, homing_filter, load_rig
 from distal.estimators import Belief
 from distal.homing import _anchored
 from distal.kernels import covariance_of
-from distal.regression import Samples, Shape, Weights, features_along, from_window, rates_of
+from distal.regression import Samples, Weights, from_window
 from distal.regression.posterior import _noise
 from tests.learned_maps import constant_map
-from tests.regression.test_posterior import PRIOR, SHAPE, evidence
+from tests.regression.test_posterior import DESCRIBED, PRIOR, SHAPE, cost, evidence
 
-DESCRIBED = {"joints": ("a",), "channels": ("x",), "positions": ("x",)}
+EVERY = np.ones(300, dtype=bool)
 
 
 def test_the_likeliest_share_of_a_prior_is_that_with_the_largest_density() -> None:
@@ -26,11 +26,7 @@ def test_the_likeliest_share_of_a_prior_is_that_with_the_largest_density() -> No
     for share in (0.01, 0.3):
         drawn = np.linalg.cholesky(share * explained + noise) @ log.target
         shares = np.geomspace(1e-6, 1.0, 2001)
-        costs = [
-            np.linalg.slogdet(s * explained + noise)[1]
-            + drawn @ np.linalg.solve(s * explained + noise, drawn)
-            for s in shares
-        ]
+        costs = [cost(s * explained + noise, drawn) for s in shares]
         found = weights.likeliest_share(replace(log, target=drawn), 0.3)
         assert np.log(found) == pytest.approx(np.log(shares[int(np.argmin(costs))]), abs=0.05)
     nothing = log.rows(np.zeros(25, dtype=bool))
@@ -47,43 +43,22 @@ def window(bend: float) -> Samples:
 
 
 def test_a_band_is_widened_until_it_holds_each_half_given_the_other() -> None:
-    every = np.ones(300, dtype=bool)
-    straight, bent = (from_window(window(b), DESCRIBED, every, {}) for b in (0.0, 2.0))
-    spread = np.var(window(2.0).targets) / np.var(window(0.0).targets)
-    assert bent.arrays["noise"][0] > 4.0 * spread * straight.arrays["noise"][0]
+    described = {**DESCRIBED, "channels": ("x",)}
+    straight, bent = (
+        from_window(window(bend), described, EVERY, {}).arrays["noise"][0]
+        / np.var(window(bend).targets)
+        for bend in (0.0, 2.0)
+    )
+    assert bent > 4.0 * straight
 
 
 def test_the_scale_of_an_effort_contains_its_mean() -> None:
     """Of a position, whose zero means nothing, it does not."""
     log = window(0.0)
-    two = replace(log, readings=np.column_stack([log.readings + 5.0, log.readings + 5.0]))
-    described = {**DESCRIBED, "channels": ("x", "f")}
-    found = from_window(two, described, np.ones(300, dtype=bool), {})
+    two = replace(log, readings=np.tile(log.readings + 5.0, 2))
+    found = from_window(two, DESCRIBED, EVERY, {})
     spread = np.std(log.readings)
     np.testing.assert_allclose(found.arrays["scale"], [spread, np.hypot(spread, 5.0)])
-
-
-def test_the_fastest_motion_is_the_95_percent_bound_of_a_rate() -> None:
-    log = window(0.0)
-    slow = replace(log, readings=0.1 * log.readings)
-    speed = 2.0 / 299 / 0.01
-    np.testing.assert_allclose(rates_of([slow, log], np.array([2.0])), [speed / 2.0 / 1.96], 1e-4)
-
-
-def test_the_first_angle_of_a_filter_is_that_after_the_first_sample() -> None:
-    """Its lags and plays begin there, whatever the memory before says."""
-    shape = Shape(1, 1, (0, 1), 0)
-    frame = np.zeros(shape.frame.size)
-    frame[shape.frame["play"]] = 1.0
-    frame[shape.frame["scale"]] = frame[shape.frame["lengths"].start : shape.frame.size] = 1.0
-    along = features_along(shape, frame, np.array([0.0]), np.array([[0.3, 0.7]]))
-    from distal.regression.features import features_function
-
-    elsewhere = np.full(shape.memory.size, 9.0)
-    outputs, _ = features_function(shape)(elsewhere, 0.0, [0.3, 0.7], [1.0], frame)
-    at = np.array(shape.features.view(np.array(outputs).ravel()[shape.outputs["features"]], "lags"))
-    np.testing.assert_allclose(at[1::2], 0.0, atol=1e-12)
-    assert np.isfinite(along["features"]).all()
 
 
 def test_a_known_first_angle_counts_by_bayes_rule() -> None:

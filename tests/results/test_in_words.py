@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from distal import estimate, fit, load_rig, simulate
+from distal import Estimate, Log, Rig, fit
 
 
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
-def test_everything_public_says_what_it_is_in_a_line() -> None:
-    rig = load_rig("template")
-    log = simulate(rig, "template", seed=1).select(slice(0, 400))
-    assert repr(rig) == str(rig) == "Rig 'My joint': 1 joint, 2 drives, 2 tendons, 4 sensors"
+def test_everything_public_says_what_it_is_in_a_line(result: Estimate, log: Log, rig: Rig) -> None:
+    assert repr(rig) == str(rig)
+    assert str(rig).endswith(": 1 joint, 2 drives, 2 tendons, 5 sensors")
+    truth = ", ".join(log.truth)
     assert repr(log).endswith(
-        "400 samples, 0 to 3.99 s, 100 Hz; x1, x2, u1, u2; truth: " + ", ".join(log.truth)
+        f"800 samples, 0 to 7.99 s, 100 Hz; x1, u1, x2, u2, encoder; truth: {truth}"
     )
-    found = estimate(log, rig, "elastic", compiled=False)
-    assert "<table" in found._repr_html_()
-    assert "400 samples of &#x27;My joint&#x27;" in found._repr_html_()
-    result = fit([log], rig, free="joints.link.friction.coefficient", noise=False)
-    assert repr(result).startswith("Fit of 'My joint' to 1 log of 4 s in all, converged: 1 ")
-    assert len(repr(result)) < 300
+    assert "<table" in result._repr_html_()
+    assert "800 samples of &#x27;Nylon-tendon disk" in result._repr_html_()
+    fitted = repr(fit([log], rig, free="joints.link.friction.coefficient", noise=False))
+    assert "to 1 log of 8 s in all, converged: 1 " in fitted
+    assert len(fitted) < 300

@@ -5,50 +5,32 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from distal import (
-    Estimate,
-    Log,
-    Rig,
-    estimate,
-    load_scenario,
-    log_health,
-    plot_estimates,
-    scenario_rig,
-    simulate,
-)
+from distal import Estimate, Log, Rig, log_health, plot_estimates
 from distal.confidence import BAND
 from distal.errors import OutputError
 
 
-@pytest.fixture(scope="module")
-def rig() -> Rig:
-    return scenario_rig(load_scenario("series-2"))
+def legend(axes: Axes) -> list[str]:
+    return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-@pytest.fixture(scope="module")
-def log(rig: Rig) -> Log:
-    return simulate(rig, load_scenario("series-2"))
-
-
-@pytest.fixture(scope="module")
-def result(log: Log, rig: Rig) -> Estimate:
-    return estimate(log, rig, "adaptive")
+def labels(figure: Figure) -> list[str]:
+    return [axes.get_ylabel() for axes in figure.axes]
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
 def test_plots(result: Estimate, tmp_path: Path, kind: str) -> None:
     one, two = tmp_path / f"one.{kind}", tmp_path / f"two.{kind}"
     figure = result.plot(one)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["joint angle θ [°]", "error [°]"]
+    assert labels(figure) == ["joint angle θ [°]", "error [°]"]
     assert figure.axes[-1].get_xlabel() == "time [s]"
-    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
-        "truth",
-        "adaptive, 95 % band",
-    ]
+    assert legend(figure.axes[0]) == ["truth", "adaptive, 95 % band"]
     plot_estimates([result], two)
     assert one.read_bytes() == two.read_bytes()
     with pytest.raises(OutputError, match="a plot cannot be 'txt'"):
@@ -56,8 +38,6 @@ def test_plots(result: Estimate, tmp_path: Path, kind: str) -> None:
 
 
 def test_plotting_leaves_the_users_settings_alone(result: Estimate) -> None:
-    import matplotlib
-
     before = dict(matplotlib.rcParams)
     result.plot()
     assert dict(matplotlib.rcParams) == before
@@ -67,54 +47,44 @@ def legends_lie_beside(figure: Figure) -> bool:
     """Return whether no legend covers a part of any axes."""
     figure.draw_without_rendering()
     frames = [axes.get_window_extent() for axes in figure.axes]
-    legends = [
-        axes.get_legend().get_window_extent()
-        for axes in figure.axes
-        if axes.get_legend() is not None
-    ]
-    return all(not legend.overlaps(frame) for legend in legends for frame in frames)
+    legends = [axes.get_legend() for axes in figure.axes]
+    boxes = [each.get_window_extent() for each in legends if each is not None]
+    return not any(box.overlaps(frame) for box in boxes for frame in frames)
 
 
-def test_every_panel(result: Estimate, log: Log, rig: Rig, tmp_path: Path) -> None:
+def test_every_panel(result: Estimate, log: Log, rig: Rig) -> None:
     other = replace(result, estimator="another one with a long name")
-    health = log_health(log, rig)
-    figure = plot_estimates(
-        [result, other], panels=["innovations", "forces", "health"], log=log, rig=rig, health=health
-    )
-    labels = ["joint angle θ [°]", "error [°]", "innovation [σ]", "measured [N]", "health"]
-    assert [axes.get_ylabel() for axes in figure.axes] == labels
+    health, panels = log_health(log, rig), ["innovations", "forces", "health"]
+    figure = plot_estimates([result, other], panels=panels, log=log, rig=rig, health=health)
+    angles = ["joint angle θ [°]", "error [°]"]
+    assert labels(figure) == [*angles, "innovation [σ]", "measured [N]", "health"]
     assert legends_lie_beside(figure)
     innovations, forces, words = figure.axes[2:]
-    assert [text.get_text() for text in innovations.get_legend().get_texts()] == list(
-        result.measured
-    )
-    assert sorted(
-        line.get_ydata()[0] for line in innovations.lines if len(set(line.get_ydata())) == 1
-    ) == [-2.0, 2.0]
+    assert legend(innovations) == list(result.measured)
+    lines = [set(line.get_ydata()) for line in innovations.lines]
+    assert [line for line in lines if len(line) == 1] == [{-2.0}, {2.0}]
     np.testing.assert_array_equal(forces.lines[0].get_ydata(), log.channels["u1"])
     assert [text.get_text() for text in words.get_yticklabels()] == sorted(set(health))
     drawn = sum(path.get_extents().width for bars in words.collections for path in bars.get_paths())
     assert drawn == pytest.approx(log.time[-1] - log.time[0] + 0.01)
-    for panel, said in (
-        ("forces", "log="),
-        ("health", "log_health"),
-        ("forcse", "did you mean 'forces'"),
-    ):
-        with pytest.raises(OutputError, match=said):
-            plot_estimates([result], panels=[panel])
+
+
+@pytest.mark.parametrize(
+    ("panel", "said"),
+    [("forces", "log="), ("health", "log_health"), ("forcse", "did you mean 'forces'")],
+)
+def test_what_a_panel_needs_is_said(result: Estimate, panel: str, said: str) -> None:
+    with pytest.raises(OutputError, match=said):
+        plot_estimates([result], panels=[panel])
 
 
 def test_time_counts_from_the_first_sample(result: Estimate) -> None:
     late = replace(result, time=result.time + 1e6)
-    for one, said in (
-        (result, "time [s]"),
-        (late, "time [s] from the first sample on, which has t = 1000000 s"),
-    ):
-        figure = one.plot()
-        assert figure.axes[-1].get_xlabel() == said
-        line = figure.axes[0].lines[0]
-        assert line.get_xdata()[0] == 0.0
-        assert line.get_xdata()[-1] == pytest.approx(7.99)
+    figure = late.plot()
+    said = "time [s] from the first sample on, which has t = 1000000 s"
+    assert figure.axes[-1].get_xlabel() == said
+    times = figure.axes[0].lines[0].get_xdata()
+    assert times[[0, -1]] == pytest.approx([0.0, 7.99])
 
 
 def test_a_short_event_does_not_flatten_the_errors(result: Estimate) -> None:
@@ -128,12 +98,11 @@ def test_a_short_event_does_not_flatten_the_errors(result: Estimate) -> None:
 
 def test_bands_are_seen_at_any_width(result: Estimate) -> None:
     """A narrow band has edges and its own scale below; the axis of errors holds a wide one."""
-    blind = replace(result, truths=None)
-    width = blind.plot().axes[1]
-    assert width.get_ylabel() == "95 % band ± [°]"
-    np.testing.assert_allclose(width.lines[0].get_ydata(), np.rad2deg(BAND * result.theta_std))
-    edges = result.plot().axes[0].lines[1:3]
     half = np.rad2deg(BAND * result.theta_std)
+    blind = replace(result, truths=None).plot()
+    assert labels(blind) == ["joint angle θ [°]", "95 % band ± [°]"]
+    np.testing.assert_allclose(blind.axes[1].lines[0].get_ydata(), half)
+    edges = result.plot().axes[0].lines[1:3]
     np.testing.assert_allclose(edges[1].get_ydata() - edges[0].get_ydata(), 2 * half)
     wide = replace(result, variances=result.variances * 1e6).plot().axes[1]
     assert wide.get_ylim()[1] > 1000.0 * np.median(half)
@@ -146,14 +115,19 @@ def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:
     )
     assert len(text) < 250
     assert str(result) == text
-    row = result.summary()[0]
-    assert row["RMS error [deg]"] == pytest.approx(np.rad2deg(result.rms_error()))
-    assert row["largest error [deg]"] == pytest.approx(np.rad2deg(result.max_error()))
+    (row,) = result.summary()
+    angles = {
+        "RMS error [deg]": result.rms_error(),
+        "largest error [deg]": result.max_error(),
+        "greatest [deg]": result.theta.max(),
+        "median band [deg]": BAND * np.median(result.theta_std),
+    }
+    assert {name: row[name] for name in angles} == pytest.approx(
+        {name: np.rad2deg(angle) for name, angle in angles.items()}
+    )
     assert row["inside band"] == result.inside_band()
-    assert row["greatest [deg]"] == np.rad2deg(result.theta.max())
-    assert row["median band [deg]"] == pytest.approx(np.rad2deg(BAND * np.median(result.theta_std)))
     blind = replace(result, truths=None)
-    assert [row["RMS error [deg]"] for row in blind.summary()] == [None]
+    assert blind.summary()[0]["RMS error [deg]"] is None
     assert "RMS" not in repr(blind)
 
 

@@ -20,7 +20,7 @@ TOLERANCE = 1e-10
 
 Both do the same arithmetic in another order. That leaves about 1e-13 after a hundred samples, more
 where a stiff joint shakes by many times its prior's standard deviation. Any mistake in an equation
-shows at 1e-7 or more (`test_twin_mistakes`).
+shows at 1e-7 or more.
 """
 
 

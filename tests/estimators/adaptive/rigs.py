@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import field_validator
 
 from distal import Rig, load_rig
 from distal.rig import build_rig
@@ -24,9 +23,9 @@ CERTAIN = {
     "joints.0.friction.coefficient": {"value": 0.3, "std": 0.0},
     "sensors.x1.linearity": 0.0,
     "sensors.x2.linearity": 0.0,
-    **{f"drives.{i}.friction.load": {"value": 0.002, "std": 0.0} for i in (0, 1)},
-    **{f"tendons.{i}.stiffness": {"value": 806.0, "std": 0.0} for i in (0, 1)},
-    **{f"tendons.{i}.pretension": 2.0 for i in (0, 1)},
+    "drives.*.friction.load": {"value": 0.002, "std": 0.0},
+    "tendons.*.stiffness": {"value": 806.0, "std": 0.0},
+    "tendons.*.pretension": 2.0,
 }
 """Values of `pulley-antagonist` with which nothing but the joint's motion is uncertain."""
 
@@ -41,11 +40,8 @@ ROUGH_CAPSTAN = {
 }
 TORQUE = {"joints.0.external_torque": {"std": 0.02, "correlation_time": 0.3}}
 FACTORS = {
-    **{
-        f"tendons.{i}.stiffness": {"value": 806.0, "shared": {"name": "spool", "std": 0.1}}
-        for i in (0, 1)
-    },
-    **{f"tendons.{i}.damping": {"value": 0.2, "std": 0.3, "drift": 0.05} for i in (0, 1)},
+    "tendons.*.stiffness": {"value": 806.0, "shared": {"name": "spool", "std": 0.1}},
+    "tendons.*.damping": {"value": 0.2, "std": 0.3, "drift": 0.05},
 }
 SHARED = {
     "tendons.0.stiffness": {
@@ -134,13 +130,13 @@ LINKAGE = {
     },
 }
 NEAR_STOPS = {
-    **{f"drives.{i}.stops": [-0.85e-3, 2.75e-3] for i in (0, 1)},
+    "drives.*.stops": [-0.85e-3, 2.75e-3],
     "sensors.x1.linearity": 1e-4,
     "sensors.x2.linearity": 1e-4,
 }
 """The slow ramp of `motion` passes these stops, 6 µm per sample."""
 
-STOPS = {f"drives.{i}.stops": [-1.5e-3, 3.5e-3] for i in (0, 1)}
+STOPS = {"drives.*.stops": [-1.5e-3, 3.5e-3]}
 
 
 def sliders(*changes: Mapping[str, object], without: tuple[str, ...] = ()) -> Rig:
@@ -149,14 +145,11 @@ def sliders(*changes: Mapping[str, object], without: tuple[str, ...] = ()) -> Ri
     """
     raw = load_rig("pulley-antagonist").model_dump()
     sensors = [
-        dict(sensor) for sensor in raw["sensors"] if sensor["name"] in ("x1", "u1", "x2", "u2")
+        *(s for s in raw["sensors"] if s["name"] != "encoder"),
+        {"name": "t1", "measures": "tension", "of": "left", "noise": 0.15},
+        {"name": "encoder", "measures": "angle", "of": "link", "noise": 5e-3, "resolution": 0.01},
     ]
-    sensors.append({"name": "t1", "measures": "tension", "of": "left", "noise": 0.15})
-    sensors.append(
-        {"name": "encoder", "measures": "angle", "of": "link", "noise": 5e-3, "resolution": 0.01}
-    )
-    gone = ("t1", "encoder") if without == () else without
-    raw["sensors"] = [s for s in sensors if s["name"] not in gone]
+    raw["sensors"] = [s for s in sensors if s["name"] not in (without or ("t1", "encoder"))]
     values: dict[str, Any] = {}
     for change in (CERTAIN, *changes):
         values |= deepcopy(change)
@@ -185,39 +178,12 @@ def capstan(*changes: Mapping[str, object]) -> Rig:
         "joints.0.friction.coefficient": {"value": 0.15, "std": 0.0},
         "drives.0.friction.constant": {"value": 0.02, "std": 0.0},
         "drives.0.friction.load": {"value": 0.05, "std": 0.0},
-        **{f"tendons.{i}.stiffness": {"value": 2.3e4, "std": 0.0} for i in (0, 1)},
-        **{f"tendons.{i}.pretension": {"value": 20.0, "std": 0.0} for i in (0, 1)},
+        "tendons.*.stiffness": {"value": 2.3e4, "std": 0.0},
+        "tendons.*.pretension": {"value": 20.0, "std": 0.0},
     }
     for change in changes:
         values |= deepcopy(change)
     return load_rig("capstan-joint").with_values(values)
-
-
-class SeveralJoints(Rig):
-    """A rig that may have several joints: the model, the states and the filter know them, `Rig`
-    refuses them so far.
-    """
-
-    @field_validator("joints", mode="after")
-    @classmethod
-    def _one_joint(cls, joints: tuple[Any, ...]) -> tuple[Any, ...]:
-        return joints
-
-
-def side_by_side(first: Rig, second: Rig) -> Rig:
-    """Return one rig made of two that have nothing in common; all names of the second get `_2`
-    behind them.
-    """
-    raw, other = first.model_dump(), deepcopy(second.model_dump())
-    for kind in ("joints", "drives", "tendons", "sensors"):
-        for part in other[kind]:
-            for key in ("name", "joint", "drive", "of"):
-                if key in part:
-                    part[key] += "_2"
-            if kind == "sensors":
-                part["column"] = part["name"]
-        raw[kind] = (*raw[kind], *other[kind])
-    return SeveralJoints.model_validate(raw)
 
 
 ORDER = ("position", "tension", "force", "angle")
@@ -241,19 +207,11 @@ def motion(time: Floats) -> Floats:
     return np.where(part < 0.8, swing, 1.0 + 0.4 * (part - 0.8))
 
 
-def slider_log(
-    rig: Rig, n: int = 120, seed: int = 0, amplitude: float = 1.6e-3, rest: int | None = None
-) -> tuple[Floats, Floats]:
-    """Return stamps and samples of a rig of `sliders`, in the order in which estimators read them.
-
-    Args:
-        rig: the description.
-        n: number of samples.
-        seed: of stamps and noise.
-        amplitude: of the displacements [m].
-        rest: sample from which on nothing moves.
+def slider_log(rig: Rig, n: int = 120, rest: int | None = None) -> tuple[Floats, Floats]:
+    """Return stamps and samples of a rig of `sliders`, in the order in which estimators read them;
+    from the sample `rest` on nothing moves.
     """
-    rng = np.random.default_rng(seed)
+    rng, amplitude = np.random.default_rng(0), 1.6e-3
     time = stamps(n, 0.01, rng)
     way = motion(time)
     if rest is not None:
@@ -274,9 +232,9 @@ def slider_log(
     return time, np.column_stack([found[s.name] + s.noise * rng.normal(size=n) for s in sensors])
 
 
-def capstan_log(rig: Rig, n: int = 160, seed: int = 1) -> tuple[Floats, Floats]:
+def capstan_log(rig: Rig) -> tuple[Floats, Floats]:
     """Return stamps and samples of `capstan` rigs: motor angle, torque, and the reference."""
-    rng = np.random.default_rng(seed)
+    rng, n = np.random.default_rng(1), 160
     time = stamps(n, 0.005, rng)
     way = motion(2 * (time - time[0]))
     noise = [s.noise for s in rig.sensors[:2]]
@@ -286,25 +244,21 @@ def capstan_log(rig: Rig, n: int = 160, seed: int = 1) -> tuple[Floats, Floats]:
     return time, np.column_stack(columns[: 2 + len(rig.sensors_of("angle"))])
 
 
-def spoiled(
-    samples: Floats, positions: int, seed: int = 2, size: float = 2.0, missing: float = 0.3
-) -> Floats:
+def spoiled(samples: Floats, positions: int, size: float) -> Floats:
     """Return the samples with wild, missing and lost values: see the comments.
 
     Args:
         samples: (n, n_channels).
         positions: how many channels, the first ones, are displacements.
-        seed: of what is spoiled.
         size: of a wild value, in ranges of its channel.
-        missing: share of values that are missing.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(2)
     spoilt = samples.copy()
     n, width = samples.shape
     for column in range(width):
         for row in rng.choice(np.arange(5, n - 5), 4, replace=False):
             spoilt[row, column] += rng.choice([-1, 1]) * size * np.ptp(samples[:, column])
-    spoilt[rng.uniform(size=samples.shape) < missing] = np.nan
+    spoilt[rng.uniform(size=samples.shape) < 0.3] = np.nan
     # a drive that is lost for 12 samples, so that its joint follows
     spoilt[n // 2 : n // 2 + 12, 0] = np.nan
     # a real jump: the reading after a wild one agrees with it
@@ -313,9 +267,9 @@ def spoiled(
     return spoilt
 
 
-def with_gap(time: Floats, rows: tuple[int, ...] = (30, 70), length: float = 0.065) -> Floats:
-    """Return the stamps with a gap before each of some rows."""
+def with_gap(time: Floats) -> Floats:
+    """Return the stamps with a gap before each of two rows."""
     shifted = time.copy()
-    for row in rows:
-        shifted[row:] += length
+    for row in (30, 70):
+        shifted[row:] += 0.065
     return shifted

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
+from distal import Log, Rig, estimate, load_rig, simulate, smooth
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter_function import subsystems_of
 from distal.rig import independent_parts
@@ -23,11 +23,19 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def log(rig: Rig) -> Log:
-    moved = {"f0_flexor": {"torque": [["0 s", "10 mN m"], ["1 s", "60 mN m"], ["2 s", "20 mN m"]]}}
-    moved |= {
-        rig.drives[1].name: {"torque": [["0 s", "0 N m"], ["1 s", "0.1 N m"], ["2 s", "-0.1 N m"]]}
+    first, second = (
+        [[0.0, 0.01], [1.0, 0.06], [2.0, 0.02]],
+        [[0.0, 0.0], [1.0, 0.1], [2.0, -0.1]],
+    )
+    moved = {"f0_flexor": {"torque": first}, rig.drives[1].name: {"torque": second}}
+    log = simulate(rig, Scenario(rig="hand", name="hand", duration=2.0, drives=moved), 5)
+    # each part has values of its own missing
+    rng = np.random.default_rng(0)
+    holed = {
+        name: np.where(rng.random(len(log)) < 0.1, np.nan, read)
+        for name, read in log.channels.items()
     }
-    return simulate(rig, Scenario(rig="hand", name="hand", duration=2.0, drives=moved), 5)
+    return replace(log, channels=holed)
 
 
 def test_parts_are_found(rig: Rig) -> None:
@@ -40,87 +48,50 @@ def test_parts_are_found(rig: Rig) -> None:
         assert len(independent_parts(load_rig(name))) == 1
 
 
-@pytest.mark.parametrize(
-    "tie",
-    [
-        {"joints.3.parent": "f0_dip"},
-        {"tendons.0.drive": "f1_motor", "sensors": None},
-        {
-            "tendons.0.stiffness": {"value": 1e4, "shared": {"name": "rope", "std": 0.1}},
-            "tendons.1.stiffness": {"value": 1e4, "shared": {"name": "rope", "std": 0.1}},
-        },
-    ],
-    ids=["a link", "a drive", "an error in common"],
-)
-def test_what_ties_parts(rig: Rig, tie: dict[str, object]) -> None:
-    if "sensors" in tie:
-        motor = rig.drives[1].name
-        tendons = (rig.tendons[0].model_copy(update={"drive": motor}), *rig.tendons[1:])
-        tied = rig.model_copy(update={"tendons": tendons, "drives": rig.drives[1:]})
-    else:
-        tied = rig.with_values(tie)
-    assert len(independent_parts(tied)) == 1
+def test_a_link_a_drive_or_an_error_in_common_ties_parts(rig: Rig) -> None:
+    first, *others = rig.tendons
+    pulled = first.model_copy(update={"drive": rig.drives[1].name})
+    shared = {"value": 1e4, "shared": {"name": "rope", "std": 0.1}}
+    for tied in (
+        rig.with_values({"joints.3.parent": "f0_dip"}),
+        rig.model_copy(update={"tendons": (pulled, *others), "drives": rig.drives[1:]}),
+        rig.with_values({f"tendons.{i}.stiffness": shared for i in (0, 1)}),
+    ):
+        assert len(independent_parts(tied)) == 1
 
 
 def test_each_part_is_as_if_it_were_alone(rig: Rig, log: Log) -> None:
-    whole = estimate(log, rig)
+    whole, smoothed = estimate(log, rig), smooth(log, rig)
+    # with the guards that the whole has
+    guards = AdaptiveFilter(rig).states.context.robustness
     for part in independent_parts(rig):
-        # with the guards that the whole has
-        guards = AdaptiveFilter(rig).states.context.robustness
         alone = estimate(log, part.rig, AdaptiveFilter(part.rig, robustness=guards))
         at = list(part.indices["joints"])
         np.testing.assert_allclose(whole.angles[:, at], alone.angles, rtol=0, atol=1e-12)
         np.testing.assert_allclose(whole.angle_stds[:, at], alone.angle_stds, rtol=0, atol=1e-12)
-        for name in alone.measured:
-            one, other = whole.measured.index(name), alone.measured.index(name)
-            np.testing.assert_allclose(
-                whole.innovations[:, one], alone.innovations[:, other], rtol=0, atol=1e-9
-            )
+        of_part = [whole.measured.index(name) for name in alone.measured]
+        np.testing.assert_allclose(
+            whole.innovations[:, of_part], alone.innovations, rtol=0, atol=1e-9
+        )
+        own, other = whole.covariances[:, at][:, :, at], np.setdiff1d(range(4), at)
+        np.testing.assert_allclose(own, alone.covariances[:, : len(at), : len(at)], atol=1e-12)
+        assert np.all(whole.covariances[:, at][:, :, other] == 0.0)
     assert np.rad2deg(whole.rms_error()) < 2.0
-
-
-def test_a_part_whose_sensors_die_does_not_disturb_the_others(rig: Rig, log: Log) -> None:
-    late = log.time > 0.5
-    dead = {
-        name: np.where(late & name.startswith("f1_"), np.nan, read)
-        for name, read in log.channels.items()
-    }
-    whole, less = estimate(log, rig), estimate(replace(log, channels=dead), rig)
-    np.testing.assert_array_equal(whole.angles[:, :3], less.angles[:, :3])
-    assert less.angle_stds[-1, 3] > 1.5 * whole.angle_stds[-1, 3]
-
-
-def test_live_and_smoothed(rig: Rig, log: Log) -> None:
-    from distal import smooth
-
-    live, whole = LiveEstimator(rig), estimate(log, rig)
-    rows = np.column_stack([log.channels[name] for name in live.channels])
-    for time, row in zip(log.time, rows):
-        live.step(float(time), row)
-    np.testing.assert_array_equal(live.angles, whole.angles[-1])
-    part = independent_parts(rig)[0]
-    alone = smooth(log, part.rig)
-    np.testing.assert_allclose(smooth(log, rig).angles[:, :3], alone.angles, rtol=0, atol=1e-9)
+    first = independent_parts(rig)[0]
+    np.testing.assert_allclose(
+        smoothed.angles[:, :3], smooth(log, first.rig).angles, rtol=0, atol=1e-9
+    )
 
 
 def test_inputs_of_a_fit_reach_their_part(rig: Rig) -> None:
     paths = ["joints.3.inertia", "tendons.0.stiffness", "sensors.0.noise"]
     whole = AdaptiveFilter(rig, inputs=paths)
-    first, second = subsystems_of(whole.states)
-    assert first.states.context.mechanism.parameters.inputs == (
-        "tendons.0.stiffness",
-        "sensors.0.noise",
-    )
-    assert second.states.context.mechanism.parameters.inputs == ("joints.0.inertia",)
-    names = whole.states.context.mechanism.parameters.names
-    assert (
-        names[
-            second.parameters[
-                second.states.context.mechanism.parameters.names.index("joints.0.inertia")
-            ]
-        ]
-        == paths[0]
-    )
+    parts = subsystems_of(whole.states)
+    own = [part.states.context.mechanism.parameters for part in parts]
+    assert own[0].inputs == ("tendons.0.stiffness", "sensors.0.noise")
+    assert own[1].inputs == ("joints.0.inertia",)
+    at = parts[1].parameters[own[1].names.index("joints.0.inertia")]
+    assert whole.states.context.mechanism.parameters.names[at] == paths[0]
 
 
 @pytest.mark.parametrize(

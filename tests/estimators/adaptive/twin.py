@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.estimators import Robustness
-from distal.model import Mechanism
+from distal.model import Mechanism, clip_moments
 from distal.rig import Rig
 from distal.sensor_errors import variance
 from tests.estimators.adaptive.twin_model import TwinModel
@@ -83,9 +83,7 @@ class Twin:
         tensions = rig.sensors_of("tension")
         self.compared = (*self.forces, *tensions, *references)
         self.channels = (*self.positions, *tensions, *self.forces, *references)
-        self.interval = 1.0 / max(
-            s.rate for s in (*self.positions, *self.forces, *rig.sensors_of("tension"))
-        )
+        self.interval = 1.0 / max(s.rate for s in (*self.positions, *self.forces, *tensions))
         self.mechanism = Mechanism(rig)
         self.states = states_of(rig, self.mechanism, guards, references)
         self.model = TwinModel(rig, self.mechanism, self.states, self.interval)
@@ -100,17 +98,6 @@ class Twin:
 
     def at(self, kind: str, of: int) -> int | None:
         return next((i for i, s in enumerate(self.states) if s.kind == kind and s.of == of), None)
-
-    def sigma2(self, sensor: Any) -> float:
-        return variance(sensor) if sensor is not None else 0.0
-
-    def parameter(self, name: str, x: Floats) -> float:
-        """A parameter of the model at the state x, 1 where the rig has none of that name."""
-        p = self.mechanism.parameters
-        for i, state in enumerate(self.states):
-            if state.kind == "parameter" and state.name == name:
-                return float(x[i])
-        return float(p.values[p.names.index(name)]) if name in p.names else 1.0
 
     # ---- a whole log ----
 
@@ -157,9 +144,7 @@ class Twin:
                 self.drives[i].read = self.effort(i, sample)
             k = self.at("transmitted", i)
             if k is not None:
-                force = self.force_of[i]
-                u = sample[self.channels.index(force)]
-                self.m[k] = 0.0 if np.isnan(u) else u - force.bias.value
+                self.m[k] = self.drives[i].read
                 stds[k] = sqrt(self.play_at_rest(i) ** 2 / 3 + variance(force))
         self.P = np.diag(stds**2)
         self.prior_stds = stds
@@ -210,11 +195,9 @@ class Twin:
         if k > 0 and (goes_on or abs(z - e) < abs(z - o - e)):  # (2b)
             self.taken["a shift that ended"] += o != 0
             o = 0.0
-        jump, far, judged = z - o - e, False, False
+        jump, far, reach = z - o - e, False, self.guards.wild_displacement
         force = self.force_of[i]
-        judged = force is not None and mask[self.channels.index(force)] > 0
-        judged = judged and self.guards.wild_displacement < inf
-        reach = self.guards.wild_displacement
+        judged = force is not None and mask[self.channels.index(force)] > 0 and reach < inf
         if reach < inf and k > 0 and not goes_on:
             u_before = 0.0 if o != 0 else d.u
             far = jump**2 > reach**2 * (d.square * tau**2 + u_before + 2 * noise)  # (1)
@@ -236,17 +219,13 @@ class Twin:
         p = 1 / (1 + exp(-evidence) * weight / first)  # (2)
         if o == 0 or p > 0.97:
             o, p = 0.0, 1.0
-        read = d.read
-        same_force = not judged
-        if judged:
-            read = self.effort(i, z_all)
-            same_force = read == d.read
+        read = self.effort(i, z_all) if judged else d.read
         if k < 0:
             s = start + (z - start) / abs(k)
         else:
             s = z - o if k > 0 else e
         is_same = k > 0 and (s - start) ** 2 < 1e-12 * noise
-        same = d.same + 1 if is_same and same_force else 0
+        same = d.same + 1 if is_same and read == d.read else 0
         tells = k != 0 and not (o != 0 and is_same)
         b = 1.0 if k < 0 else (p if far else 1.0) if k > 0 else 0.0
         phi = exp(-dt / (2 * MEAN_TIME))  # (3)
@@ -268,12 +247,8 @@ class Twin:
         if k == 0:
             self.taken["led on, briefly" if tau < 1.5 / sensor.rate else "led on, for long"] += 1
         elif far:
-            self.taken["a jump that is real" if p > 0.5 else "wild displacement"] += 1
-            self.taken["judged by its force" if judged else "not judged"] += 1
-        elif not tells:
-            self.taken["a reading that is off and stuck"] += 1
-        good = b > 0.5
-        bend = s - start - d.speed * dt if good else 0.0  # (5)
+            self.taken["wild displacement"] += p <= 0.5
+        bend = s - start - d.speed * dt if b > 0.5 else 0.0  # (5)
         r_s = noise + u + (self.guards.bend_share * bend) ** 2  # (6)
         s += p * o
         tracked = Tracked(d.s, s, u - d.u, bend, r_s)
@@ -328,7 +303,7 @@ class Twin:
         spread = variance(force) + limit**2 + (0.1 * pull) ** 2
         if self.at("transmitted", i) is not None:
             spread += self.play_at_rest(i) ** 2
-        y = z[self.channels.index(force)] - force.bias.value - pull
+        y = self.effort(i, z) - pull
         change = held * jump
         if len(self.rig.tendons_of(self.rig.drive_names[i])) == 1:  # it may go slack
             change = max(change, -pull) if pull > 0 else min(change, -pull) if pull < 0 else change
@@ -469,7 +444,7 @@ class Twin:
         if mask[column] <= 0:
             self.taken["play without reading"] += 1
             return
-        u, noise = z[column] - force.bias.value, variance(force)
+        u, noise = self.effort(i, z), variance(force)
         h0 = self.play_at_rest(i)
         rho = min((h0 / 8) ** 2 / noise, 1.0)
         lam = 2 * rho / (1 + rho)
@@ -477,25 +452,28 @@ class Twin:
         left = noise * lam / (2 - lam)
         self.drives[i] = d = replace(d, effort=effort)
         end, rates, slopes = self.position
-        limit, by_x, by_s = self.model.play_limit(i, self.m, end)
-        h = limit + 2 * sqrt(left)
+        limit, by_x, by_s = (part.ravel() for part in self.model.play_limit(i, self.m, end))
+        h = limit[0] + 2 * sqrt(left)
         b = self.at("bias", self.compared.index(force))
         bias = self.m[b] if b is not None else 0.0
-        a = effort - bias - self.model.damping_of(i, self.m) * rates[i]
-        mean, low, free, high, rest = self.model.clip(
-            a - h, a + h, self.m[k], sqrt(self.P[k, k]) + 1e-9
-        )  # (15)
+        damping, damping_x, _ = self.model.compared(self.m, end, rates)["damping"]
+        a = effort - bias - damping[i] * rates[i]
+        clipped = a - h, a + h, self.m[k], sqrt(self.P[k, k]) + 1e-9
+        moments = clip_moments(*(ca.DM(value) for value in clipped))  # (15)
+        low, free, high = (
+            float(slope) for slope in (moments.by_low, moments.by_mean, moments.by_high)
+        )
         self.taken[
             "play held below" if low > 0.9 else "play held above" if high > 0.9 else "play free"
         ] += 1
         g = (high - low) * (by_x + by_s @ slopes)
         if b is not None:
             g[b] -= low + high
-        g -= (low + high) * rates[i] * self.model.damping_slope_of(i, self.m)
+        g -= (low + high) * rates[i] * damping_x[i]
         g[k] += free
         across = g @ self.P
-        self_variance = g @ self.P @ g + rest + (low + high) ** 2 * left
+        self_variance = g @ self.P @ g + float(moments.rest) + (low + high) ** 2 * left
         self.P[k, :], self.P[:, k] = across, across
         self.P[k, k] = self_variance
-        self.m[k] = mean
+        self.m[k] = float(moments.mean)
         transition[k] = g @ transition

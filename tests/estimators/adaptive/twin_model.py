@@ -14,7 +14,6 @@ from distal.model import (
     Kick,
     Limit,
     Mechanism,
-    clip_moments,
     impulses,
     joint_frequency,
     kick_and_drift,
@@ -49,15 +48,8 @@ class TwinModel:
         )
         self.parameters = self._parameters()
         self.step_function = self._substep(rig)
-        self.compare_function, self.friction_function = self._compared(), self._friction()
-        self.limit_functions = {
-            i: self._play_limit(i) for i, d in enumerate(rig.drives) if d.hysteresis is not None
-        }
-        self.clip_function = self._clip()
-        (dampings,) = self._with_parameters(mechanism.dampings()[self.n_j :])
-        self.damping_function = ca.Function(
-            "damping", [self.x], [dampings, ca.jacobian(dampings, self.x)]
-        )
+        self.functions = self._compared()
+        self.limits: dict[int, ca.Function] = {}
 
     def _parameters(self) -> Any:
         """p as a function of x: a state of its own, or its value times a factor."""
@@ -78,6 +70,12 @@ class TwinModel:
             ca.substitute(ca.SX(e), self.mechanism.parameters.symbols, self.parameters)
             for e in expressions
         ]
+
+    def _sloped(self, *values: Any) -> ca.Function:
+        """(x, s, ṡ) → one column, and its slopes in x and in s."""
+        (value,) = self._with_parameters(ca.vertcat(*values))
+        slopes = [ca.densify(ca.jacobian(value, of)) for of in (self.x, self.s)]
+        return ca.Function("sloped", [self.x, self.s, self.rates], [value, *slopes])
 
     def _bodies(self) -> tuple[Any, Any]:
         """q = (θ, s) and v = (ω, ṡ)."""
@@ -154,99 +152,53 @@ class TwinModel:
         """l_x P l_xᵀ of each joint's friction limit at the start of an interval, by these states
         alone.
         """
-        slopes = self.friction_function(x, s, rates).full()
+        _, slopes, _ = self.compared(x, s, rates)["friction"]
         found = np.zeros(self.n_j)
         for j in range(self.n_j):
             own = self.doubted(j)
             found[j] = slopes[j, own] @ covariance[np.ix_(own, own)] @ slopes[j, own]
         return found
 
-    def _friction(self) -> ca.Function:
-        """(x, s, ṡ) → slopes of the joints' friction limits in x."""
-        q, v = self._bodies()
-        m = self.mechanism
-        limits = m.friction_limits(q, v, m.tensions(q, v))[: self.n_j]
-        (value,) = self._with_parameters(ca.vertcat(*(limit.mean for limit in limits)))
-        return ca.Function(
-            "friction", [self.x, self.s, self.rates], [ca.densify(ca.jacobian(value, self.x))]
-        )
-
     def substep(self, x: Floats, s: Floats, rates: Floats, h: float, sigma: Floats) -> list[Floats]:
         theta, omega, rest, by_x, by_s = self.step_function(x, s, rates, h, sigma)
         return [array(theta), array(omega), by_x.full(), by_s.full(), array(rest)]
 
-    def _compared(self) -> ca.Function:
-        """(x, s, ṡ) → (T, pull without damping, pull, l, a), one column, and its slopes in x and in
-        s.
+    def _compared(self) -> dict[str, ca.Function]:
+        """What is compared, with its slopes: T, the pull without damping, the pull, l and a of the
+        drives, limits of the joints' friction, and the drives' damping.
         """
         q, v = self._bodies()
         m = self.mechanism
         tensions = m.tensions(q, v)
-        levers = m.length_jacobian(q)
-        elastic = ca.mtimes(levers.T, tensions)[self.n_j :]
-        pull = elastic + m.dampings()[self.n_j :] * self.rates
-        limits = m.friction_limits(q, v, tensions)[self.n_j :]
-        columns = [tensions, elastic, pull]
-        columns += [
-            ca.vertcat(*(limit.mean for limit in limits)),
-            ca.vertcat(*(limit.asymmetry for limit in limits)),
-        ]
-        (value,) = self._with_parameters(ca.vertcat(*columns))
-        slopes = [ca.jacobian(value, self.x), ca.jacobian(value, self.s)]
-        return ca.Function("compared", [self.x, self.s, self.rates], [value, *slopes])
-
-    def compared(
-        self, x: Floats, s: Floats, rates: Floats
-    ) -> dict[str, tuple[Floats, Floats, Floats]]:
-        value, by_x, by_s = self.compare_function(x, s, rates)
-        value, by_x, by_s = array(value), by_x.full(), by_s.full()
-        sizes = {
-            "tension": self.mechanism.n_tendons,
-            "elastic": self.n_d,
-            "pull": self.n_d,
-            "mean": self.n_d,
+        elastic = ca.mtimes(m.length_jacobian(q).T, tensions)[self.n_j :]
+        dampings = m.dampings()[self.n_j :]
+        limits = m.friction_limits(q, v, tensions)
+        own = limits[self.n_j :]
+        return {
+            "tension": self._sloped(tensions),
+            "elastic": self._sloped(elastic),
+            "pull": self._sloped(elastic + dampings * self.rates),
+            "mean": self._sloped(*(limit.mean for limit in own)),
+            "asymmetry": self._sloped(*(limit.asymmetry for limit in own)),
+            "friction": self._sloped(*(limit.mean for limit in limits[: self.n_j])),
+            "damping": self._sloped(dampings),
         }
-        sizes["asymmetry"] = self.n_d
-        found, start = {}, 0
-        for name, size in sizes.items():
-            rows = slice(start, start + size)
-            found[name] = (value[rows], by_x[rows], by_s[rows])
-            start += size
+
+    def compared(self, x: Floats, s: Floats, rates: Floats) -> dict[str, list[Floats]]:
+        found = {}
+        for name, function in self.functions.items():
+            value, *slopes = (part.full() for part in function(x, s, rates))
+            found[name] = [value.ravel(), *slopes]
         return found
 
-    def _play_limit(self, drive: int) -> ca.Function:
-        """(x, s) → limit of a drive's play at the tensions of that place at rest, its slopes in x
-        and s.
-        """
+    def play_limit(self, drive: int, x: Floats, s: Floats) -> list[Floats]:
+        """Limit of a drive's play at the tensions of that place at rest, its slopes in x and s."""
         q, _ = self._bodies()
         tensions = self.mechanism.tensions(q, ca.SX.zeros(self.n_j + self.n_d, 1))
-        (limit,) = self._with_parameters(self.mechanism.hysteresis_limit(drive, q, tensions))
-        slopes = [ca.jacobian(limit, self.x), ca.jacobian(limit, self.s)]
-        return ca.Function("play_limit", [self.x, self.s], [limit, *slopes])
-
-    def play_limit(self, drive: int, x: Floats, s: Floats) -> tuple[float, Floats, Floats]:
-        limit, by_x, by_s = self.limit_functions[drive](x, s)
-        return float(limit), array(by_x), array(by_s)
-
-    def _clip(self) -> ca.Function:
-        symbols = [ca.SX.sym(name) for name in ("low", "high", "mean", "std")]
-        moments = clip_moments(*symbols)
-        return ca.Function(
-            "clip",
-            symbols,
-            [moments.mean, moments.by_low, moments.by_mean, moments.by_high, moments.rest],
-        )
-
-    def clip(self, low: float, high: float, mean: float, std: float) -> list[float]:
-        return [float(value) for value in self.clip_function(low, high, mean, std)]
-
-    def damping_of(self, drive: int, x: Floats) -> float:
-        """B_d of a drive at the mean."""
-        return float(self.damping_function(x)[0][drive])
-
-    def damping_slope_of(self, drive: int, x: Floats) -> Floats:
-        """∂B_d/∂x of a drive."""
-        return np.array(self.damping_function(x)[1].full())[drive]
+        if drive not in self.limits:
+            limit = self.mechanism.hysteresis_limit(drive, q, tensions)
+            self.limits[drive] = self._sloped(limit)
+        return [part.full() for part in self.limits[drive](x, s, 0.0)]
 
 
 def array(value: Any) -> Floats:

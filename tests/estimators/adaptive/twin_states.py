@@ -99,54 +99,45 @@ def states_of(
     for i, joint in enumerate(rig.joints):
         torque = joint.external_torque
         if torque.std > 0:
-            name = "external_torque" if one else f"external_torque_{joint.name}"
-            states.append(
-                State(name, "torque", 0.0, torque.std, i, fade_rate=1 / torque.correlation_time)
-            )
+            name, rate = f"external_torque_{joint.name}", 1 / torque.correlation_time
+            name = "external_torque" if one else name
+            states.append(State(name, "torque", 0.0, torque.std, i, fade_rate=rate))
     states += parameters_of(rig, mechanism, guards)
     for i, sensor in enumerate(positions):
         states += linearity_of(sensor, i)
     for i, drive in enumerate(rig.drives):
         if sensor_at(positions, drive) is None:
             low, high = travel_of(rig, i)
-            state = State(
-                f"position_{drive.name}", "position", (low + high) / 2, (high - low) / sqrt(12), i
-            )
-            state.walk = high - low
-            states.append(state)
+            middle, travel = (low + high) / 2, high - low
+            name = f"position_{drive.name}"
+            states.append(State(name, "position", middle, travel / sqrt(12), i, walk=travel))
     for i, drive in enumerate(rig.drives):
         sensor = sensor_at(forces, drive)
         if sensor is None or guards.unknown_friction == 0 or drive.hysteresis is not None:
             continue
         if not declares_friction(rig, i, guards.declared_friction):
             sigma = sqrt(variance(sensor))
-            state = State(
-                f"friction_{drive.name}", "friction", 0.0, guards.unknown_friction * sigma, i
+            name, walk = f"friction_{drive.name}", guards.unknown_friction_walk * sigma
+            states.append(
+                State(name, "friction", 0.0, guards.unknown_friction * sigma, i, walk=walk)
             )
-            state.walk = guards.unknown_friction_walk * sigma
-            states.append(state)
-    for i, drive in enumerate(rig.drives):
-        if drive.hysteresis is not None and sensor_at(forces, drive) is not None:
-            # its prior is the first reading ± √(H₀²/3 + σ²): filled in by the twin, which has H₀
-            states.append(State(f"transmitted_{drive.name}", "transmitted", 0.0, 0.0, i))
-    for i, drive in enumerate(rig.drives):
-        if (
-            drive.hysteresis is not None
-            and drive.hysteresis.error > 0
-            and sensor_at(forces, drive) is not None
-        ):
-            state = State(
-                f"transmission_error_{drive.name}", "error", 0.0, drive.hysteresis.error, i
-            )
-            state.fade_rate, state.considered = 1 / drive.hysteresis.error_time, True
+    plays = [
+        (i, drive.name, drive.hysteresis)
+        for i, drive in enumerate(rig.drives)
+        if drive.hysteresis is not None and sensor_at(forces, drive) is not None
+    ]
+    # their prior is the first reading ± √(H₀²/3 + σ²): filled in by the twin, which has H₀
+    states += [State(f"transmitted_{name}", "transmitted", 0.0, 0.0, i) for i, name, _ in plays]
+    for i, name, play in plays:
+        if play.error > 0:
+            state = State(f"transmission_error_{name}", "error", 0.0, play.error, i)
+            state.fade_rate, state.considered = 1 / play.error_time, True
             states.append(state)
     for i, sensor in enumerate((*forces, *rig.sensors_of("tension"), *references)):
         spread = sqrt(sensor.bias.filter_std**2 + (LINEARITY_SHARE * sensor.linearity) ** 2)
         if spread > 0:
-            state, drift = (
-                State(f"bias_{sensor.name}", "bias", 0.0, spread, i),
-                sensor.bias.drift or 0.0,
-            )
+            state = State(f"bias_{sensor.name}", "bias", 0.0, spread, i)
+            drift = sensor.bias.drift or 0.0
             if sensor.measures == "angle":
                 state.fade_rate = drift**2 / (2 * spread**2)
             else:
@@ -161,14 +152,26 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
     """
     p, states, factors, deviations = mechanism.parameters, [], [], []
     sharing = rig.sharing()
-    for i, (name, std, drift) in enumerate(zip(p.names, p.independent_stds, p.drifts)):
-        if any(name in together for together in sharing.values()) and std > 0:
-            state = State(f"{name}.deviation", "deviation", 0.0, std, i, lowest=-0.95 * p.values[i])
-            state.walk = guards.parameter_walk * std if np.isnan(drift) else drift
-            deviations.append(state)
-    of_factors = {p.names.index(path) for together in sharing.values() for path in together}
+
+    def walk(std: float, drift: float) -> float:
+        return guards.parameter_walk * std if np.isnan(drift) else drift
+
+    def factor(name: str, mean: float, std: float, drift: float, *members: int) -> State:
+        state = State(f"{name}.factor", "factor", mean, std, lowest=0.05, members=members)
+        state.walk = walk(std, drift)
+        factors.append(state)
+        return state
+
+    of_factors = {path for together in sharing.values() for path in together}
     for i, (name, value, std, drift) in enumerate(zip(p.names, p.values, p.stds, p.drifts)):
-        if i in of_factors or std <= 0 or not is_seen(rig, name, std):
+        if name in of_factors:
+            alone = p.independent_stds[i]
+            if alone > 0:
+                state = State(f"{name}.deviation", "deviation", 0.0, alone, i, lowest=-0.95 * value)
+                state.walk = walk(alone, drift)
+                deviations.append(state)
+            continue
+        if std <= 0 or not is_seen(rig, name, std):
             continue
         kind, _, what = name.split(".", 2)
         arm = (
@@ -183,40 +186,27 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         if rough and what.endswith(
             ("stiffness", "radius", "mass", "inertia", "length")
         ):  # what cannot be zero
-            state = State(
-                f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,)
-            )
-            state.walk = guards.parameter_walk * std / value if np.isnan(drift) else drift / value
-            state.unidentified = rough
-            factors.append(state)
+            state = factor(name, 1.0, log(1 + std / value), drift / value, i)
+            state.walk = walk(std, drift) / value
+            state.unidentified = True
             continue
         if kind == "tendons" and what in ("stiffness", "damping"):
-            mean, spread = cut_at_zero(1.0, std / value)
-            state = State(f"{name}.factor", "factor", mean, spread, lowest=0.05, members=(i,))
-            state.walk = guards.parameter_walk * spread if np.isnan(drift) else drift / value
+            state = factor(name, *cut_at_zero(1.0, std / value), drift / value, i)
             state.unidentified = rough
-            factors.append(state)
             continue
-        state = State(name, "parameter", value, std, i, walk=drift, unidentified=unidentified)
+        state = State(name, "parameter", value, std, i, unidentified=unidentified)
         if not name.endswith(MAY_BE_NEGATIVE):
             state.mean, state.std = cut_at_zero(value, std)
             if rough and std <= value:
                 state.mean = value  # (†)
             state.lowest = 0.01 * state.std
-        if np.isnan(drift):
-            state.walk = guards.parameter_walk * state.std
+        state.walk = walk(state.std, drift)
         states.append(state)
     for title, together in sharing.items():
         members = [p.names.index(path) for path in together]
-        mean, spread = cut_at_zero(1.0, next(iter(together.values())))
-        state = State(
-            f"{title}.factor", "factor", mean, spread, lowest=0.05, members=tuple(members)
-        )
         alone = [k for k in members if p.independent_stds[k] == 0 and not np.isnan(p.drifts[k])]
-        state.walk = max(
-            (p.drifts[k] / p.values[k] for k in alone), default=guards.parameter_walk * spread
-        )
-        factors.append(state)
+        drift = max((p.drifts[k] / p.values[k] for k in alone), default=np.nan)
+        factor(title, *cut_at_zero(1.0, next(iter(together.values()))), drift, *members)
     return states + factors + deviations
 
 

@@ -89,10 +89,8 @@ def update(
             d = twin.drives[row.drive]
             twin.drives[row.drive] = replace(d, residual=d.residual + row.r_x @ gain * nu)  # (26)
         if row.sensor is not None:
-            innovations[row.sensor], variances[row.sensor] = (
-                (nu if counts and row.identified else nan),
-                s,
-            )
+            innovations[row.sensor] = nu if counts and row.identified else nan
+            variances[row.sensor] = s
     for i, state in enumerate(twin.states):
         if twin.m[i] < state.lowest:
             twin.taken["kept above the lowest"] += 1
@@ -101,6 +99,7 @@ def update(
         if joint.stops is not None:
             low, high = joint.stops
             depth = max(low - twin.m[j], twin.m[j] - high, 0.0)
+            twin.taken["in a stop"] += depth > 0
             twin.taken["deep in a stop"] += depth**2 > twin.P[j, j]
             twin.P[j, j] = max(twin.P[j, j], depth**2)  # (27b)
     return innovations, variances
@@ -110,6 +109,7 @@ def rows_of(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracke
     """All comparisons at the predicted state, in their order."""
     end, rates, slopes = twin.position
     m, found = twin.m, twin.model.compared(twin.m, end, rates)
+    twin.taken["slack"] += bool(np.any(found["tension"][0] == 0.0))
     rows = []
 
     def total(name: str, k: int) -> tuple[float, Floats, float]:
@@ -126,28 +126,18 @@ def rows_of(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracke
         if bias is not None:
             unit[bias], offset = 1.0, m[bias]
         if sensor.measures == "force":
-            i = next(k for k, d in enumerate(twin.rig.drives) if d.name == sensor.of)
+            i = twin.rig.drive_names.index(sensor.of)
             rows.append(force_row(twin, i, index, dt, reading, there, tracked, total))
         elif sensor.measures == "tension":
-            k = next(k for k, t in enumerate(twin.rig.tendons) if t.name == sensor.of)
+            k = twin.rig.tendon_names.index(sensor.of)
             value, by_x, by_s = total("tension", k)
             own = sum(by_s[i] ** 2 * tracked[i].variance for i in range(twin.n_d))
-            row = Row(
-                None,
-                reading - value - offset,
-                -by_x - unit,
-                variance(sensor) + own,
-                there,
-                sensor=index,
-            )
-            rows.append(row)
+            r, spread = reading - value - offset, variance(sensor) + own
+            rows.append(Row(None, r, -by_x - unit, spread, there, sensor=index))
         else:
-            j = next(k for k, part in enumerate(twin.rig.joints) if part.name == sensor.of)
-            by_x = np.zeros(twin.n)
-            by_x[j] = 1.0
-            row = Row(
-                None, reading - m[j] - offset, -by_x - unit, variance(sensor), there, sensor=index
-            )
+            j = twin.rig.joint_names.index(sensor.of)
+            r, by_x = reading - m[j] - offset, np.eye(twin.n)[j]
+            row = Row(None, r, -by_x - unit, variance(sensor), there, sensor=index)
             row.reference = True
             rows.append(row)
     for i, drive in enumerate(twin.rig.drives):
@@ -192,10 +182,8 @@ def force_row(
     else:
         spread = drive.nominal_force.filter_std**2 * 2.0 / max(dt, 1e-6)
     spread += tracked[i].variance * by_s[i] ** 2
-    row = Row(
-        i, reading - value - added - offset, -by_x - added_x - bias_x, spread, counts, friction=True
-    )
-    row.sensor = index
+    r, r_x = reading - value - added - offset, -by_x - added_x - bias_x
+    row = Row(i, r, r_x, spread, counts, friction=True, sensor=index)
     row.l, row.l_x, _ = total("mean", i)
     row.a, row.a_x, _ = total("asymmetry", i)
     friction = twin.at("friction", i)

@@ -22,22 +22,23 @@ def test_tangents_are_the_derivatives(name: str) -> None:
     n = mechanism.n_bodies
     function = tangent_step(mechanism, substeps(mechanism, DT))
     p = mechanism.parameters.values
-    cases = [(np.array([0.1, *np.full(n - 1, 5e-3)]), np.array([2.0, *np.full(n - 1, 0.02)]))]
+    effort = np.array([0.02, *np.full(n - 1, 5.0 if n > 2 else 0.1)])
+    cases = [([0.1, *np.full(n - 1, 5e-3)], [2.0, *np.full(n - 1, 0.02)])]
     if name == "paper-2008-printed":
-        cases.append((np.array([0.1, 7.52e-3, 3e-3]), np.array([1.5, 0.0, 0.02])))
+        cases.append(([0.1, 7.52e-3, 3e-3], [1.5, 0.0, 0.02]))
+    steps = np.repeat([1e-9, 1e-7, 1e-6], n)
     for q, v in cases:
-        effort = np.array([0.02, *np.full(n - 1, 5.0 if n > 2 else 0.1)])
 
-        def end(x: np.ndarray, n: int = n) -> np.ndarray:
-            out = function(x[:n], x[n : 2 * n], x[2 * n :], x[2 * n :], DT, p)
-            return np.concatenate([out[0].full().ravel(), out[1].full().ravel()])
+        def end(x: np.ndarray) -> np.ndarray:
+            q, v, effort = np.split(x, 3)
+            return np.concatenate(
+                [part.full() for part in function(q, v, effort, effort, DT, p)[:2]]
+            )
 
-        at = np.concatenate([q, v, effort])
         slopes = function(q, v, effort, effort, DT, p)[2].full()
-        steps = np.concatenate([np.full(n, 1e-9), np.full(n, 1e-7), np.full(n, 1e-6)])
-        expected = np.delete(
-            finite_difference(end, at, steps), 2 * n, axis=1
-        )  # no column for an effort on the joint
+        expected = finite_difference(end, np.concatenate([q, v, effort]), steps)
+        # no column for an effort on the joint
+        expected = np.delete(expected, 2 * n, axis=1)
         scale = np.abs(expected).max(axis=1, keepdims=True)
         np.testing.assert_allclose(slopes / scale, expected / scale, rtol=2e-4, atol=2e-5)
 
@@ -55,10 +56,6 @@ def test_the_interval_and_its_tangent_step_agree(paper_rig: Rig) -> None:
     rig = without_stops(paper_rig)
     stepper = Stepper(rig, 15)
     tangent = tangent_step(stepper.mechanism, 15)
-    q, v, effort = (
-        np.array([0.2, 4e-3, 3e-3]),
-        np.array([1.0, 0.1, -0.1]),
-        np.array([0.0, 5.0, 2.0]),
-    )
+    q, v, effort = np.array([[0.2, 4e-3, 3e-3], [1.0, 0.1, -0.1], [0.0, 5.0, 2.0]])
     out = tangent(q, v, effort, effort, DT, stepper.mechanism.parameters.values)
     np.testing.assert_allclose(out[0].full().ravel(), stepper(q, v, effort)[0], rtol=1e-13)
