@@ -14,23 +14,6 @@ import pytest
 from distal import ESTIMATORS, shipped_rigs, shipped_scenarios
 from distal.cli.shared_options import ESTIMATOR_NAMES
 
-START = "import sys; sys.argv = ['distal']; from distal_command import main\nmain()"
-
-
-def completed(line: str, folder: Path) -> list[str]:
-    words = line.split(" ")
-    environment = {
-        **os.environ,
-        "_DISTAL_COMPLETE": "complete_bash",
-        "COMP_WORDS": line,
-        "COMP_CWORD": str(len(words) - 1),
-    }
-    made = [sys.executable, "-c", START]
-    ran = subprocess.run(
-        made, env=environment, cwd=folder, capture_output=True, text=True, check=True
-    )
-    return ran.stdout.split()
-
 
 @pytest.mark.parametrize(
     ("line", "expected"),
@@ -47,7 +30,17 @@ def completed(line: str, folder: Path) -> list[str]:
 def test_words_are_completed(tmp_path: Path, line: str, expected: list[str]) -> None:
     (tmp_path / "mine.toml").touch()
     (tmp_path / "log.csv").touch()
-    assert completed(line, tmp_path) == expected
+    code = "import sys; sys.argv = ['distal']; from distal_command import main; main()"
+    asked = {"COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "_DISTAL_COMPLETE": "complete_bash", **asked},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ran.stdout.split() == expected
 
 
 def test_the_estimators_are_those_that_there_are() -> None:

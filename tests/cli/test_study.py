@@ -7,57 +7,32 @@ from pathlib import Path
 
 import pytest
 import tomlkit
-from typer.testing import CliRunner
 
-from distal.cli.app import app, ended_by
+from tests.cli.test_cli import refused, run  # noqa: F401
 from tests.study.plans import RAW
 
 pytest.importorskip("pyarrow")
 
 
-def test_a_study_becomes_a_page(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(tomlkit.dumps({**RAW, "designs": 3, "name": "Mine"}))
-    out = tmp_path / "out"
+def test_a_study_becomes_a_page(run, tmp_path: Path) -> None:
+    study, out = tmp_path / "mine.toml", tmp_path / "out"
+    study.write_text(tomlkit.dumps({**RAW, "designs": 3, "name": "Mine"}))
     for _ in range(2):  # the second time nothing is left to run
-        done = CliRunner().invoke(
-            app, ["study", str(tmp_path / "mine.toml"), "--out", str(out), "--workers", "1"]
-        )
-        assert done.exit_code == 0, done.output
-    assert done.output.startswith("Without an encoder: ")
+        done = run(f"study {study} --out {out} --workers 1")
+        assert done.code == 0, done.err
+    assert done.out.startswith("Without an encoder: ")
     assert json.loads((out / "answer.json").read_text(encoding="utf-8"))["overall"]["rigs"] == 6
-    assert sorted(file.name for file in out.iterdir()) == [
-        "answer.json",
-        "index.html",
-        "rows",
-        "rows.parquet",
-        "study.json",
-    ]
+    names = ["answer.json", "index.html", "rows", "rows.parquet", "study.json"]
+    assert sorted(file.name for file in out.iterdir()) == names
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (
-            ["papr", "--out", "{}"],
-            "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, "
-            "paper-positioned, wrist)",
-        ),
-        (["paper", "--out", "{}/file"], "cannot be made"),
-    ],
-)
-def test_what_is_wrong_is_one_line_and_exit_code_2(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    done = CliRunner().invoke(app, ["study", *(one.format(tmp_path) for one in arguments)])
-    assert done.exception is not None
-    assert ended_by(done.exception) == 2
-    line = capsys.readouterr().err
-    assert said in line
-    assert line.count("\n") == 1
+def test_what_is_wrong_is_one_line_and_exit_code_2(run, tmp_path: Path) -> None:
+    said = "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, "
+    refused(run(f"study papr --out {tmp_path}"), said)
+    (tmp_path / "file").touch()
+    refused(run(f"study paper --out {tmp_path / 'file'}"), "cannot be made")
 
 
-def test_shipped_studies_are_listed() -> None:
-    done = CliRunner().invoke(app, ["studies"])
-    assert done.exit_code == 0
-    assert all(name in done.output for name in ("paper", "lab-bench", "finger", "wrist"))
+def test_shipped_studies_are_listed(run) -> None:
+    listed = run("studies").out
+    assert all(name in listed for name in ("paper", "lab-bench", "finger", "wrist"))

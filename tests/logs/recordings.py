@@ -47,7 +47,7 @@ class Recorder:
         from mcap.writer import Writer
 
         self._file = path.open("wb")
-        self._writer = Writer(self._file)
+        self._writer = Writer(self._file, chunk_size=4096)
         self._writer.start(profile="", library="test")
         self._channels: dict[str, int] = {}
 

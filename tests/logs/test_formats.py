@@ -16,6 +16,7 @@ from distal import Log, Rig, read_log, write_log
 from distal.errors import LogError, OutputError
 from distal.logs import formats
 from distal.logs.formats import FORMATS, format_of
+from tests.cli.test_cli import refused, run  # noqa: F401
 
 SHARED = {"__init__", "format", "registry"}
 
@@ -60,38 +61,23 @@ def no_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_parquet_without_pyarrow(
     tmp_path: Path, pulley_rig: Rig, log: Log, no_pyarrow: None
 ) -> None:
-    (tmp_path / "log.parquet").write_bytes(b"PAR1")
-    with pytest.raises(
-        LogError, match=r"log\.parquet: Parquet needs .* \(pip install '\.\[parquet\]'\)"
-    ):
-        read_log(tmp_path / "log.parquet", pulley_rig)
-    with pytest.raises(
-        OutputError, match=r"out\.parquet: needs .* \(pip install '\.\[parquet\]'\); or write CSV"
-    ):
-        write_log(log, pulley_rig, tmp_path / "out.parquet")
-    assert not (tmp_path / "out.parquet").exists()
+    path = tmp_path / "log.parquet"
+    said = r"log\.parquet: needs .* \(pip install '\.\[parquet\]'\); or write CSV"
+    with pytest.raises(OutputError, match=said):
+        write_log(log, pulley_rig, path)
+    assert not path.exists()
+    path.write_bytes(b"PAR1")
+    said = r"log\.parquet: Parquet needs .* \(pip install '\.\[parquet\]'\)"
+    with pytest.raises(LogError, match=said):
+        read_log(path, pulley_rig)
 
 
 def test_it_is_said_before_the_work(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    no_pyarrow: None,
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_pyarrow: None
 ) -> None:
-    from distal import simulation
-    from distal.cli import main
-
-    def begun(*_: object, **__: object) -> None:
-        raise AssertionError("the work began")
-
-    monkeypatch.setattr(simulation, "simulate", begun)
-    monkeypatch.setattr(
-        sys, "argv", ["distal", "simulate", "template", "--out", str(tmp_path / "log.parquet")]
-    )
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    assert "needs the package pyarrow" in capsys.readouterr().err
+    monkeypatch.setattr("distal.simulation.simulate", None)
+    said = run(f"simulate template --out {tmp_path / 'log.parquet'}")
+    refused(said, "needs the package pyarrow")
 
 
 def test_csv_needs_no_library_of_frames(tmp_path: Path, pulley_rig: Rig, log: Log) -> None:

@@ -29,21 +29,27 @@ def log(rig: Rig) -> Log:
     return simulate(rig, "series-1", 0).select(slice(0, 60))
 
 
-def renamed(log: Log, rig: Rig, path: Path, change: dict[str, tuple[str, float]]) -> Path:
-    """Write a log with other headers: column → header and factor on its numbers."""
-    plain = path.with_name("plain.csv")
-    write_log(log, rig, plain)
-    frame = pl.read_csv(plain)
-    columns = {
-        change.get(name, (name, 1.0))[0]: change.get(name, (name, 1.0))[1] * frame[name]
-        for name in frame.columns
-    }
-    (
-        pl.DataFrame(columns).write_parquet
-        if path.suffix == ".parquet"
-        else pl.DataFrame(columns).write_csv
-    )(path)
-    return path
+Renamed = Callable[[Log, Rig, dict[str, tuple[str, float]]], pl.DataFrame]
+
+
+@pytest.fixture
+def renamed(tmp_path: Path) -> Renamed:
+    """Return a log with other headers: column → header and factor on its numbers."""
+
+    def call(log: Log, rig: Rig, change: dict[str, tuple[str, float]]) -> pl.DataFrame:
+        write_log(log, rig, tmp_path / "plain.csv")
+        columns = pl.read_csv(tmp_path / "plain.csv").to_dict()
+        for name, (new, factor) in change.items():
+            columns[new] = factor * columns.pop(name)
+        return pl.DataFrame(columns)
+
+    return call
+
+
+def check(read: Log, log: Log) -> None:
+    np.testing.assert_allclose(read.time, log.time, atol=1e-12)
+    for name in ("x1", "x2", "u1", "u2"):
+        np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12, atol=1e-15)
 
 
 def test_a_header_is_name_and_unit() -> None:
@@ -54,91 +60,86 @@ def test_a_header_is_name_and_unit() -> None:
         assert name_and_unit(plain) == (plain, None)
 
 
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
+@pytest.mark.parametrize("kind", ["csv", "parquet", "polars", "pandas"])
 def test_units_in_the_header_count_where_the_rig_gives_none(
-    log: Log, rig: Rig, tmp_path: Path, ending: str
+    renamed: Renamed, log: Log, rig: Rig, tmp_path: Path, kind: str
 ) -> None:
+    degrees = float(np.rad2deg(1.0))
     units = {
         "t": ("t [ms]", 1e3),
         "x1": ("x1 [mm]", 1e3),
         "x2": ("x2 [m]", 1.0),
         "u1": ("u1 [mN]", 1e3),
+        "true_theta": ("true_theta [deg]", degrees),
     }
-    units["true_theta"] = ("true_theta [deg]", float(np.rad2deg(1.0)))
-    read = read_log(renamed(log, rig, tmp_path / f"log.{ending}", units), rig)
-    np.testing.assert_allclose(read.time, log.time, atol=1e-12)
-    for name in ("x1", "x2", "u1", "u2"):
-        np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12, atol=1e-15)
+    frame, path = renamed(log, rig, units), tmp_path / f"log.{kind}"
+    if kind in ("csv", "parquet"):
+        getattr(frame, f"write_{kind}")(path)
+    read = read_log({"polars": frame, "pandas": frame.to_pandas()}.get(kind, path), rig)
+    check(read, log)
     np.testing.assert_allclose(read.truth["theta"], log.truth["theta"], rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize(("unit", "size"), [("m", 1.0), ("mm", 1e3), ("um", 1e6)])
 def test_the_unit_of_a_header_counts_before_the_rigs(
-    log: Log, rig: Rig, tmp_path: Path, unit: str, size: float
+    renamed: Renamed, log: Log, rig: Rig, unit: str, size: float
 ) -> None:
     in_mm = rig.with_values({"sensors.x1.unit": "mm"})
-    path = renamed(log, rig, tmp_path / "log.csv", {"x1": (f"x1 [{unit}]", size)})
-    read = read_log(path, in_mm).channels["x1"]
-    np.testing.assert_allclose(read, log.channels["x1"], rtol=1e-12, atol=1e-15)
+    check(read_log(renamed(log, rig, {"x1": (f"x1 [{unit}]", size)}), in_mm), log)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("headers", "said"),
     [
-        ({"x1": ("x1 [N]", 1.0)}, r"column 'x1 \[N\]': unit 'N' has the wrong dimension"),
-        ({"x1": ("x1 [left]", 1.0)}, r"column 'x1 \[left\]': unit 'left' is not known"),
-        ({"t": ("t [mm]", 1.0)}, r"column 't \[mm\]': unit 'mm' has the wrong dimension"),
+        ({"x1": "x1 [N]"}, r"column 'x1 \[N\]': unit 'N' has the wrong dimension"),
+        ({"x1": "x1 [left]"}, r"column 'x1 \[left\]': unit 'left' is not known"),
+        ({"t": "t [mm]"}, r"column 't \[mm\]': unit 'mm' has the wrong dimension"),
         (
-            {"x1": ("x1 [mm]", 1.0), "x2": ("x1 [m]", 1.0)},
+            {"x1": "x1 [mm]", "x2": "x1 [m]"},
             r"column 'x1' is there twice, as 'x1 \[mm\]' and 'x1 \[m\]'",
         ),
-        (
-            {"true_theta": ("true_theta [m]", 1.0)},
-            r"column 'true_theta \[m\]': unit 'm' is no angle",
-        ),
+        ({"true_theta": "true_theta [m]"}, r"column 'true_theta \[m\]': unit 'm' is no angle"),
     ],
 )
 def test_what_is_refused(
-    log: Log, rig: Rig, tmp_path: Path, change: dict[str, tuple[str, float]], said: str
+    renamed: Renamed, log: Log, rig: Rig, headers: dict[str, str], said: str
 ) -> None:
     with pytest.raises(LogError, match=said):
-        read_log(renamed(log, rig, tmp_path / "log.csv", change), rig)
+        read_log(renamed(log, rig, {name: (text, 1.0) for name, text in headers.items()}), rig)
 
 
-def test_a_reference_in_no_unit_costs_itself_only(tmp_path: Path) -> None:
+def test_a_reference_in_no_unit_costs_itself_only(renamed: Renamed) -> None:
     """Nobody asked for it; where somebody does, it is refused."""
     capstan = load_rig("capstan-joint")
-    made = Log(
-        0.005 * np.arange(40), {name: np.linspace(0.0, 0.1, 40) for name in capstan.sensor_names}
-    )
-    path = renamed(made, capstan, tmp_path / "log.csv", {"encoder": ("encoder [blob]", 1.0)})
+    values = np.linspace(0.0, 0.1, 40)
+    made = Log(0.005 * np.arange(40), dict.fromkeys(capstan.sensor_names, values))
+    frame = renamed(made, capstan, {"encoder": ("encoder [blob]", 1.0)})
     said = r"column 'encoder \[blob\]': unit 'blob' is no angle; write 'rad' or 'deg'"
     with pytest.warns(DistalWarning, match=rf"{said}: left out"):
-        read = read_log(path, capstan)
+        read = read_log(frame, capstan)
     assert not read.truth
-    np.testing.assert_array_equal(read.channels["motor_angle"], made.channels["motor_angle"])
+    np.testing.assert_array_equal(read.channels["motor_angle"], values)
     with pytest.raises(LogError, match=said):
-        read_log(path, capstan, "encoder")
+        read_log(frame, capstan, "encoder")
 
 
 def test_a_column_that_the_rig_names_with_its_unit_is_that_column(
-    log: Log, rig: Rig, tmp_path: Path
+    renamed: Renamed, log: Log, rig: Rig
 ) -> None:
     whole = rig.with_values({"sensors.x1.column": "x1 [mm]", "sensors.x1.unit": "m"})
-    read = read_log(renamed(log, rig, tmp_path / "log.csv", {"x1": ("x1 [mm]", 1.0)}), whole)
-    np.testing.assert_array_equal(read.channels["x1"], log.channels["x1"])
+    check(read_log(renamed(log, rig, {"x1": ("x1 [mm]", 1.0)}), whole), log)
 
 
-def test_counts_need_counts_per_turn(tmp_path: Path) -> None:
+def test_counts_need_counts_per_turn(renamed: Renamed) -> None:
     bench = load_rig("lab-bench")
     made = simulate(bench, "lab-bench", 0).select(slice(0, 40))
     said = {"motor_counts": ("motor_counts [count]", 1.0), "current_mA": ("current_mA [A]", 1e-3)}
-    read = read_log(renamed(made, bench, tmp_path / "log.csv", said), bench)
+    read = read_log(renamed(made, bench, said), bench)
     for name in ("motor_angle", "motor_torque"):
         np.testing.assert_allclose(read.channels[name], made.channels[name], rtol=1e-9, atol=1e-12)
     said["motor_counts"] = ("motor_counts [deg]", 1.0)
     with pytest.raises(LogError, match=r"motor_counts \[deg\]': counts need unit = \"count\""):
-        read_log(renamed(made, bench, tmp_path / "log.csv", said), bench)
+        read_log(renamed(made, bench, said), bench)
 
 
 @pytest.mark.parametrize("strip", [False, True])
@@ -167,12 +168,3 @@ def test_a_stream_reads_them_too(rig: Rig) -> None:
     assert (time, list(sample)) == (2.0, [3.0, 4.0])
     with pytest.raises(LogError, match="unit 'deg' is an angle"):
         reader.header("t,x1 [deg],u1")
-
-
-def test_a_frame_may_say_units(log: Log, rig: Rig, tmp_path: Path) -> None:
-    frame = pl.read_csv(renamed(log, rig, tmp_path / "log.csv", {"x1": ("x1 [mm]", 1e3)}))
-    readers: list[Callable[[], object]] = [lambda: frame, frame.to_pandas]
-    for made in readers:
-        np.testing.assert_allclose(
-            read_log(made(), rig).channels["x1"], log.channels["x1"], rtol=1e-12, atol=1e-15
-        )

@@ -32,8 +32,8 @@ def test_rate_gaps_select_and_frames() -> None:
     assert log.rate == pytest.approx(100)
     assert log.gaps() == [(pytest.approx(0.49), pytest.approx(1.0))]
     assert len(log.select(slice(10, 20))) == 10
-    assert pl.DataFrame(log.columns()).columns == ["t", "x", "true_theta"]
-    assert list(pandas.DataFrame(log.columns()).columns) == ["t", "x", "true_theta"]
+    for library in (pl, pandas):
+        assert list(library.DataFrame(log.columns()).columns) == ["t", "x", "true_theta"]
 
 
 def test_where_a_truth_comes_from_has_a_kind_and_words() -> None:

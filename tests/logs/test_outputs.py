@@ -17,6 +17,59 @@ def one(path: Path) -> list[Output]:
     return [Output(path, "--out")]
 
 
+NAMES = ("log", "in/../log", "way/log", "link", "link to a link", "hard link")
+"""One file, by its name, over a folder, by a linked folder, and by links."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_file_is_the_same_by_all_its_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("log").touch()
+    Path("in").mkdir()
+    Path("way").symlink_to(tmp_path)
+    Path("link").symlink_to("log")
+    Path("link to a link").symlink_to("link")
+    Path("hard link").hardlink_to("log")
+    for other in (*NAMES, tmp_path / "log"):
+        with pytest.raises(OutputError, match="is an input of this command"):
+            check_outputs(one(Path(name)), [("log", other)])
+        with pytest.raises(OutputError, match="is asked for twice"):
+            check_outputs([*one(Path(name)), Output(Path(other), "--plot")])
+    check_outputs(one(Path("another")), [("log", name)])
+    Path("dangling").symlink_to("new")
+    with pytest.raises(OutputError, match="is asked for twice"):
+        check_outputs([*one(Path("new")), *one(Path("dangling"))])
+
+
+def test_places_where_no_file_can_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    Path("loop").symlink_to("loop")
+    Path("dangling").symlink_to("none/new")
+    read_only = [] if os.geteuid() == 0 else ["locked/new", "kept"]  # root may write everywhere
+    Path("locked").mkdir(mode=0o500)
+    Path("kept").touch(mode=0o400)
+    for name, said in (
+        (".", "is a folder"),
+        ("file/new", "which is a file"),
+        ("loop", "cannot be written"),
+        ("none/new", "does not exist"),
+        ("dangling", "does not exist"),
+        *((name, "read-only") for name in read_only),
+    ):
+        for attempt in (
+            lambda path: check_outputs(one(path)),
+            lambda path: write_whole(path, "text"),
+        ):
+            with pytest.raises(OutputError, match=said):
+                attempt(Path(name))
+    for folder, said in (("file/below", "which is a file"), ("file", "which is a file")):
+        with pytest.raises(OutputError, match=said):
+            check_outputs(outputs_in(folder, ["new"], "--out"))
+
+
 def test_a_name_that_no_file_can_have_is_an_error_of_ours(tmp_path: Path) -> None:
     for name in ("a\0b", "a\ud800b", "x" * 300):
         for attempt in (
@@ -84,10 +137,3 @@ def test_links_are_followed(tmp_path: Path) -> None:
     write_whole(link, "new")
     assert link.is_symlink()
     assert target.read_text() == "new"
-
-
-def test_where_it_cannot_write(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="is a folder"):
-        write_whole(tmp_path, "x")
-    with pytest.raises(OutputError, match="does not exist"):
-        write_whole(tmp_path / "none" / "out.csv", "x")

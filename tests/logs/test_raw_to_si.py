@@ -8,9 +8,9 @@ import json
 import warnings
 from collections.abc import Callable
 from math import pi, radians
-from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from distal import LogUnits, Rig, load_rig, read_log
@@ -51,37 +51,35 @@ def good() -> Floats:
     return np.round(np.column_stack([position, current]))
 
 
-def by_table(rig: Rig, logged: Floats, folder: Path) -> Floats:
-    path = folder / "log.csv"
-    rows = [f"{t:.3f},{a:.0f},{c:.0f}" for t, (a, c) in zip(TIME, logged)]
-    path.write_text("\n".join(["t,angle,current", *rows]))
+def frame(angle: Floats, current: Floats, **more: Floats) -> pl.DataFrame:
+    return pl.DataFrame({"t": TIME, "angle": angle, "current": current, **more})
+
+
+def by_table(rig: Rig, logged: Floats) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DistalWarning)
-        log = read_log(path, rig)
+        log = read_log(frame(*logged.T), rig)
     return np.column_stack([log.channels[name] for name in CHANNELS])
 
 
-def by_lines(rig: Rig, logged: Floats, folder: Path) -> Floats:
+def by_lines(rig: Rig, logged: Floats) -> Floats:
     reader = MessageReader(rig, CHANNELS)
     reader.header("t,angle,current")
     return np.array([reader.csv(f"{t:.3f},{a:.0f},{c:.0f}")[1] for t, (a, c) in zip(TIME, logged)])
 
 
-def by_messages(rig: Rig, logged: Floats, folder: Path) -> Floats:
+def by_messages(rig: Rig, logged: Floats) -> Floats:
     reader = MessageReader(rig, CHANNELS)
-    return np.array(
-        [
-            reader.json(json.dumps({"t": t, "angle": a, "current": c}))[1]
-            for t, (a, c) in zip(TIME.tolist(), logged.tolist())
-        ]
-    )
+    rows = frame(*logged.T).iter_rows(named=True)
+    return np.array([reader.json(json.dumps(row))[1] for row in rows])
 
 
-def one_by_one(rig: Rig, logged: Floats, folder: Path) -> Floats:
+def one_by_one(rig: Rig, logged: Floats) -> Floats:
     units = LogUnits(rig, CHANNELS)
     return np.array([units.sample(float(t), row) for t, row in zip(TIME, logged)])
 
 
+Entry = Callable[[Rig, Floats], Floats]
 ENTRIES = (by_table, by_lines, by_messages, one_by_one)
 
 
@@ -107,44 +105,65 @@ DECODED: dict[str, Callable[[Floats], Floats]] = {
 
 @pytest.mark.parametrize("entry", ENTRIES)
 @pytest.mark.parametrize("kind", DECODED)
-def test_registers_and_turns_are_undone(
-    kind: str, entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
-) -> None:
-    np.testing.assert_allclose(
-        entry(rig, DECODED[kind](good), tmp_path), entry(rig, good, tmp_path), atol=1e-12
-    )
+def test_registers_and_turns_are_undone(kind: str, entry: Entry, rig: Rig, good: Floats) -> None:
+    np.testing.assert_allclose(entry(rig, DECODED[kind](good)), entry(rig, good), atol=1e-12)
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_readings_a_turn_off_make_no_counter_of_an_encoder(
-    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+    entry: Entry, rig: Rig, good: Floats
 ) -> None:
     """A servo's driver reads −1 as −4096; two in a row are no motion either."""
     off = good.copy()
     off[[200, 201, 640], 0] -= 4096
-    np.testing.assert_allclose(entry(rig, off, tmp_path), entry(rig, good, tmp_path), atol=1e-12)
+    np.testing.assert_allclose(entry(rig, off), entry(rig, good), atol=1e-12)
+
+
+def moved(*parts: tuple[int, float]) -> Floats:
+    """Return a position that moves for ten samples from each row on, by so much in each."""
+    steps = np.zeros(N)
+    for row, step in parts:
+        steps[row : row + 10] = step
+    return np.cumsum(steps)
+
+
+CURRENT = np.round(100.0 * np.cos(0.1 * np.arange(N)))
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize(
+    ("fields", "position", "known"),
+    [
+        ({"counts_per_turn": 1024, "gear": 29}, moved((40, 400), (200, -700), (300, 650)), [0]),
+        ({"counts_per_turn": 1024, "gear": 29}, moved((1, -700), (100, 650)), [60, 100, 110]),
+        # a jump of more than half a turn looks like a wrap until the encoder reads more than a turn
+        (
+            {"unit": "deg", "counts_per_turn": None, "gear": 30},
+            moved((10, 228), (300, -228)) + np.round(np.sin(0.1 * np.arange(N))),
+            [15],
+        ),
+        *(
+            (
+                {"counts_per_turn": counts, "gear": gear, "resolution": 2 * pi / counts},
+                np.round(0.3 * counts * np.sin(3.0 * TIME)),
+                [0],
+            )
+            for counts, gear in ((48, 298), (512, 100), (4096, 50))
+        ),
+    ],
+)
 def test_an_encoder_before_the_gear_counts_its_turns(
-    entry: Callable[..., Floats], rig: Rig, tmp_path: Path
+    entry: Entry, rig: Rig, fields: dict[str, object], position: Floats, known: list[int]
 ) -> None:
-    """It moves by more than half a turn between samples, after a rest beyond a turn or at once."""
-    geared = with_encoder(rig, gear=29, counts_per_turn=1024, resolution=2 * pi / 1024 / 29)
-    steps = np.zeros(N)
-    steps[40:53] = 400
-    steps[200:210] = -700
-    steps[300:310] = 650
-    counts = np.cumsum(steps)
-    current = np.round(100.0 * np.cos(0.1 * np.arange(N)))
-    factor = 2 * pi / 1024 / 29
-    came = entry(geared, np.column_stack([counts, current]), tmp_path)[:, 0]
-    np.testing.assert_allclose(came, factor * counts, atol=1e-9)
-    at_once = counts[200:] - counts[200]
-    at_once = np.concatenate([at_once, np.full(200, at_once[-1])])
-    came = entry(geared, np.column_stack([at_once, current]), tmp_path)[:, 0]
-    np.testing.assert_allclose(came[60:100], factor * at_once[60:100], atol=1e-9)
-    np.testing.assert_allclose(came[110:], factor * at_once[110:], atol=1e-9)
+    """It moves by more than half a turn between samples, after a rest beyond a turn or at once;
+    between two samples it goes to the nearest turn. The rows are those in which it is known.
+    """
+    geared = with_encoder(rig, **{"resolution": 0.0, "noise": 0.0, **fields})
+    came = entry(geared, np.column_stack([position, CURRENT]))[:, 0]
+    turn = 360.0 if "unit" in fields else fields["counts_per_turn"]
+    for part in np.split(np.arange(N), known)[1::2]:
+        expected = position[part] * 2 * pi / turn / fields["gear"]  # type: ignore[operator]
+        np.testing.assert_allclose(came[part], expected, atol=1e-9)
 
 
 def with_encoder(rig: Rig, **fields: object) -> Rig:
@@ -154,90 +173,50 @@ def with_encoder(rig: Rig, **fields: object) -> Rig:
 
 def with_camera(rig: Rig) -> Rig:
     """Return the rig with another reference, of degrees in the column `deg`."""
-    raw = rig.model_dump()
-    reference = {"name": "camera", "measures": "angle", "of": "jaw", "si": "rad", "unit": "deg"}
-    sensors = [s for s in raw["sensors"] if s["measures"] != "angle"]
-    return build_rig({**raw, "sensors": [*sensors, {**reference, "column": "deg"}]}, "known")
+    camera = {"name": "camera", "measures": "angle", "of": "jaw", "unit": "deg", "column": "deg"}
+    sensors = [sensor.model_dump() for sensor in rig.sensors if sensor.measures != "angle"]
+    return rig.with_values({"sensors": [*sensors, camera]})
 
 
-@pytest.mark.parametrize("counts", [2048, 4096, 65536])
-def test_a_wrap_is_no_sign_of_a_register(rig: Rig, counts: int, tmp_path: Path) -> None:
-    fine = with_encoder(rig, counts_per_turn=counts, resolution=2 * pi / counts)
-    position = np.round(0.12 * counts * np.sin(3.0 * TIME))
-    current = np.round(100.0 * np.cos(0.1 * np.arange(N)))
-    came = one_by_one(fine, np.column_stack([position % counts, current]), tmp_path)
-    np.testing.assert_allclose(came[:, 0], position * 2 * pi / counts, atol=1e-9)
+DEGREES = {"unit": "deg", "counts_per_turn": None}
 
 
-@pytest.mark.parametrize(("counts", "least"), [(None, 0.0), (3600, 0.0), (3600, -180.0)])
-def test_a_rounded_encoder_may_read_both_ends_of_its_turn(
-    rig: Rig, counts: int | None, least: float, tmp_path: Path
+@pytest.mark.parametrize(
+    ("fields", "turn", "step", "least"),
+    [
+        *(({"counts_per_turn": counts}, counts, 1.0, 0.0) for counts in (2048, 4096, 65_536)),
+        (DEGREES, 360.0, 0.1, 0.0),
+        ({"counts_per_turn": 3600}, 3600.0, 1.0, 0.0),
+        ({"counts_per_turn": 3600}, 3600.0, 1.0, -1800.0),
+    ],
+)
+def test_an_encoder_within_a_turn(
+    rig: Rig, fields: dict[str, object], turn: float, step: float, least: float
 ) -> None:
-    """Of 359.97 and 0.02 it makes 360.0 and 0.0, of 179.97 and −179.98 180.0 and −180.0."""
-    unit = {"unit": "deg"} if counts is None else {}
-    step = np.radians(0.1)
-    rounded = with_encoder(rig, counts_per_turn=counts, resolution=step, **unit)
-    position = 3.0 * np.sin(2.0 * TIME) + 0.01 + least
-    factor = 1.0 if counts is None else 10.0
-    turned = (position - least) % 360.0 + least
-    read = np.round(turned * factor, 1 if counts is None else 0)
-    assert {least * factor, (least + 360.0) * factor} <= {*read}
-    current = np.round(100.0 * np.cos(0.1 * np.arange(N)))
-    came = one_by_one(rounded, np.column_stack([read, current]), tmp_path)
-    turns = (came[:, 0] - np.radians(position)) / (2 * pi)
-    np.testing.assert_allclose(
-        came[:, 0] - np.round(turns[0]) * 2 * pi, np.radians(position), atol=0.51 * step
-    )
+    """Its wrap is no sign of a register. A rounded one may read both ends of its turn: of 359.97
+    and 0.02 it makes 360.0 and 0.0, of 179.97 and −179.98 180.0 and −180.0.
+    """
+    rounded = with_encoder(rig, resolution=step * 2 * pi / turn, **fields)
+    position = turn / 120.0 * np.sin(2.0 * TIME) + step / 10.0 + least
+    read = np.round(((position - least) % turn + least) / step) * step
+    assert least + turn in read or turn == 65_536
+    came = one_by_one(rounded, np.column_stack([read, CURRENT]))[:, 0] * turn / (2 * pi)
+    off = came - position
+    np.testing.assert_allclose(off, np.round(off[0] / turn) * turn, atol=0.51 * step)
 
 
-def test_a_jump_of_more_than_half_a_turn_leaves_no_turn_behind(rig: Rig) -> None:
-    """It looks like a wrap until the encoder reads more than a turn."""
-    geared = with_encoder(rig, unit="deg", counts_per_turn=None, gear=30, resolution=0.0)
-    steps = np.zeros(N)
-    steps[10:20] = 228.0
-    steps[300:310] = -228.0
-    steps[600:] = 0.3 * np.sin(np.arange(N - 600))
-    position = np.cumsum(steps)
-    units = LogUnits(geared, CHANNELS)
-    came = np.array(
-        [
-            units.sample(float(t), np.array([x, 100.0 * np.cos(0.1 * k)]))[0]
-            for k, (t, x) in enumerate(zip(TIME, position))
-        ]
-    )
-    np.testing.assert_allclose(came[15:], np.radians(position[15:]) / 30, atol=1e-9)
-
-
-@pytest.mark.parametrize(("counts", "gear"), [(48, 298), (512, 100), (4096, 50)])
-def test_behind_a_gear_nothing_is_lost_and_nothing_begins_anew(
-    rig: Rig, counts: int, gear: int
-) -> None:
-    """Its step is that behind the gear, and between two samples it goes to the nearest turn."""
-    geared = with_encoder(
-        rig, counts_per_turn=counts, gear=gear, resolution=2 * pi / counts, noise=0.0
-    )
-    units = LogUnits(geared, CHANNELS)
-    position = np.round(0.3 * counts * np.sin(3.0 * TIME))
-    for k, (t, x) in enumerate(zip(TIME, position)):
-        came = units.sample(float(t), np.array([x, 100.0 * np.cos(0.1 * k)]))
-        assert came[0] == pytest.approx(x * 2 * pi / counts / gear, abs=1e-9)
-        assert k == 0 or not [one for one in units.remarks if one.sensor == "angle"]
-
-
-def test_one_number_alone_shows_no_flag(rig: Rig, tmp_path: Path) -> None:
+def test_one_number_alone_shows_no_flag(rig: Rig) -> None:
     """A counter that begins in the middle of its register counts on, and is not turned over."""
     counts = 33100.0 + np.round(300.0 * np.sin(2.0 * TIME))
-    came = one_by_one(rig, np.column_stack([counts, 8.0 * np.sin(9.0 * TIME)]), tmp_path)
-    np.testing.assert_allclose(np.diff(came[:, 0]), np.diff(counts) * 2 * pi / 4096, atol=1e-9)
+    came = one_by_one(rig, np.column_stack([counts, 8.0 * np.sin(9.0 * TIME)]))[:, 0]
+    np.testing.assert_allclose(np.diff(came), np.diff(counts) * 2 * pi / 4096, atol=1e-9)
 
 
 @pytest.mark.parametrize("end", [65_535.0, 32_767.0, -32_768.0, 2.0**31 - 1])
-def test_the_end_of_a_register_is_missing(
-    rig: Rig, good: Floats, tmp_path: Path, end: float
-) -> None:
+def test_the_end_of_a_register_is_missing(rig: Rig, good: Floats, end: float) -> None:
     logged = good.copy()
     logged[200:240] = end
-    came = one_by_one(rig, logged, tmp_path)
+    came = one_by_one(rig, logged)
     assert np.isnan(came[200:240]).all()
     assert np.isfinite(came[:200]).all()
     units = LogUnits(rig, CHANNELS)
@@ -254,37 +233,53 @@ def test_an_encoder_within_a_turn_of_16_bits_may_be_at_its_end(rig: Rig) -> None
         assert came == pytest.approx((k - 3) * 2 * pi / 65_536)
 
 
-def test_a_drive_may_hunt_by_some_counts(rig: Rig, tmp_path: Path) -> None:
-    hunts = 300.0 * np.sin(0.5 * TIME) + 3.0 * (-1.0) ** np.arange(N)
-    logged = np.round(np.column_stack([hunts, 90.0 * np.cos(0.1 * np.arange(N))]))
-    assert not np.isnan(one_by_one(rig, logged, tmp_path)).any()
+def rests_and_moves(seed: int) -> Floats:
+    """Return a log from rest to rest, whose current is read in steps that are wider than its noise:
+    the first rests teach that it rests.
+    """
+    rng = np.random.default_rng(seed)
+    phase = np.cumsum(np.where((np.arange(N) // 150) % 2 == 0, 0.02, 0.0))
+    current = 90.0 * np.sin(phase + 1.0) + rng.normal(0.0, 3.0, N)
+    return np.column_stack([400.0 * np.sin(phase), 20.0 * np.round(current / 20.0)])
 
 
-def test_a_reference_goes_to_the_nearest_turn_after_a_gap(rig: Rig, tmp_path: Path) -> None:
-    known = with_camera(rig).with_values({"joints.0.stops": None})
-    angle = 165.0 + 30.0 * np.sin(2.0 * TIME)
-    wrapped = (angle + 180.0) % 360.0 - 180.0
-    cells = [f"{a:.3f}" for a in wrapped]
-    cells[20:100] = [""] * 80
-    rows = [f"{t:.3f},{k % 7},{k % 5},{a}" for k, (t, a) in enumerate(zip(TIME, cells))]
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join(["t,angle,current,deg", *rows]))
-    truth = np.rad2deg(read_log(path, known).truth["theta"])
-    there = np.isfinite(truth)
-    np.testing.assert_allclose(truth[there], angle[there], atol=1e-3)
+HUNTS = 300.0 * np.sin(0.5 * TIME) + 3.0 * (-1.0) ** np.arange(N)
+# rounding in motion looks like noise of up to half a step; at rest it repeats
+COARSE = np.where(TIME < 3.0, 150.0 * np.sin(2.0 * TIME), 150.0 * np.sin(6.0))
+HONEST = {
+    "it hunts by some counts": (np.column_stack([HUNTS, CURRENT]), 0),
+    "coarse readings rest": (np.column_stack([COARSE, 0.5 * COARSE]), 0),
+    **{f"a coarse current rests, {seed}": (rests_and_moves(seed), N // 2) for seed in range(3)},
+}
 
 
-@pytest.mark.parametrize("entry", ENTRIES)
-def test_a_good_log_passes_whole(
-    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+@pytest.mark.parametrize("entry", [by_table, one_by_one])
+@pytest.mark.parametrize("kind", HONEST)
+def test_what_a_drive_may_do_is_not_missing(kind: str, entry: Entry, rig: Rig) -> None:
+    logged, first = HONEST[kind]
+    assert not np.isnan(entry(rig, np.round(logged))[first:]).any()
+
+
+@pytest.mark.parametrize(("stops", "middle"), [((-1.0, 1.0), 0.0), (None, 165.0)])
+@pytest.mark.parametrize("least", [0.0, 180.0, -180.0])
+def test_a_reference_that_wraps_is_in_the_turn_of_its_joint(
+    rig: Rig, good: Floats, stops: object, middle: float, least: float
 ) -> None:
-    expected = good * [2 * pi / 4096, 0.5e-3]
-    np.testing.assert_allclose(entry(rig, good, tmp_path), expected, atol=1e-12)
+    """Without stops it is in that of its first value, and goes to the nearest turn after a gap."""
+    angle = middle + 30.0 * np.sin(2.0 * TIME)
+    wrapped = (angle - least) % 360.0 + least
+    wrapped[20:100] = np.nan
+    known = with_camera(rig).with_values({"joints.0.stops": stops})
+    truth = np.rad2deg(read_log(frame(*good.T, deg=wrapped), known).truth["theta"])
+    there = np.isfinite(truth)
+    assert there[100:].all()
+    turn = 0.0 if stops else np.round((wrapped - angle)[0])
+    np.testing.assert_allclose(truth[there], angle[there] + turn, atol=1e-3)
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_no_position_is_left_out_however_fast_its_drive_is(
-    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
+    entry: Entry, rig: Rig, good: Floats
 ) -> None:
     """What it is worth the filter knows: one that is wild, one that jumps and stays, two sources in
     turn.
@@ -293,82 +288,40 @@ def test_no_position_is_left_out_however_fast_its_drive_is(
     odd[[300, 700], 0] += [900, -700]
     odd[400:500, 0] += 700
     odd[800:1000:2, 0] += 120
-    came = entry(rig, odd, tmp_path)
-    np.testing.assert_allclose(came, odd * [2 * pi / 4096, 0.5e-3], atol=1e-12)
+    np.testing.assert_allclose(entry(rig, odd), odd * [2 * pi / 4096, 0.5e-3], atol=1e-12)
 
 
 @pytest.mark.parametrize("entry", ENTRIES)
-def test_readings_that_repeat_exactly_are_missing(
-    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
-) -> None:
+def test_readings_that_repeat_exactly_are_missing(entry: Entry, rig: Rig, good: Floats) -> None:
     """The position alone may rest between two counts, the current with its noise may not."""
     repeated = good.copy()
     repeated[500:600] = repeated[499]
-    came, usual = entry(rig, repeated, tmp_path), entry(rig, good, tmp_path)
+    came, usual = entry(rig, repeated), entry(rig, good)
     assert np.isnan(came[506:600]).all()
     np.testing.assert_allclose(came[600:], usual[600:], atol=1e-12)
-    rests = good.copy()
-    rests[500:600, 0] = rests[499, 0]
-    assert not np.isnan(entry(rig, rests, tmp_path)).any()
+    repeated[:, 1] = good[:, 1]
+    assert not np.isnan(entry(rig, repeated)).any()
 
 
-@pytest.mark.parametrize("entry", ENTRIES)
-def test_coarse_readings_may_rest(
-    entry: Callable[..., Floats], rig: Rig, good: Floats, tmp_path: Path
-) -> None:
-    """Rounding in motion looks like noise of up to half a step; at rest it repeats."""
-    slow = np.where(TIME < 3.0, 150.0 * np.sin(2.0 * TIME), 150.0 * np.sin(6.0))
-    coarse = np.round(np.column_stack([slow, 0.5 * slow]))
-    assert not np.isnan(entry(rig, coarse, tmp_path)).any()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_drive_with_a_coarse_current_may_rest(rig: Rig, seed: int, tmp_path: Path) -> None:
-    """It goes from rest to rest, and its current is read in steps that are wider than its noise:
-    the first rests teach that it rests.
-    """
-    rng = np.random.default_rng(seed)
-    phase = np.cumsum(np.where((np.arange(N) // 150) % 2 == 0, 0.02, 0.0))
-    current = 90.0 * np.sin(phase + 1.0) + rng.normal(0.0, 3.0, N)
-    logged = np.column_stack([np.round(400.0 * np.sin(phase)), 20.0 * np.round(current / 20.0)])
-    assert not np.isnan(one_by_one(rig, logged, tmp_path)[600:]).any()
-
-
-def test_a_reference_that_wraps_is_in_the_turn_of_its_joint(rig: Rig, tmp_path: Path) -> None:
-    angle = 50.0 * np.sin(2.0 * TIME)
-    known, path = with_camera(rig), tmp_path / "log.csv"
-    for wrapped in (angle % 360.0, (angle + 180.0) % 360.0 - 180.0 + 360.0):
-        rows = [f"{t:.3f},{k % 7},{k % 5},{a:.3f}" for k, (t, a) in enumerate(zip(TIME, wrapped))]
-        path.write_text("\n".join(["t,angle,current,deg", *rows]))
-        truth = read_log(path, known).truth["theta"]
-        np.testing.assert_allclose(np.rad2deg(truth), angle, atol=1e-3)
-
-
-def test_what_was_done_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
+def test_what_was_done_is_said(rig: Rig, good: Floats) -> None:
     units = LogUnits(rig, CHANNELS)
+    below = np.column_stack([good[:, 0], DECODED["sign in bit 15"](good)[:, 1]])
     said = set()
-    for t, row in zip(TIME, DECODED["sign in bit 15"](good)):
+    for t, row in zip(TIME, below):
         units.sample(float(t), row)
         said |= {remark.text for remark in units.remarks}
-    assert "'current' holds negative numbers that were read without a sign: decoded" in said
-    path = tmp_path / "log.csv"
-    below = DECODED["sign in bit 15"](good)
-    rows = [f"{t:.3f},{a:.0f},{c:.0f}" for t, a, c in zip(TIME, good[:, 0], below[:, 1])]
-    path.write_text("\n".join(["t,angle,current", *rows]))
+    assert said == {"'current' holds negative numbers that were read without a sign: decoded"}
     with pytest.warns(DistalWarning, match=r"'current' holds negative.*readings.*at 0 s"):
-        read_log(path, rig)
+        read_log(frame(*below.T), rig)
 
 
-def test_how_long_a_motor_was_silent_is_said(rig: Rig, good: Floats, tmp_path: Path) -> None:
+def test_how_long_a_motor_was_silent_is_said(rig: Rig, good: Floats) -> None:
     """A rig whose joint may turn far does not say in which turn its motor is after a gap."""
     wide = rig.with_values({"joints.0.stops": (-6.0, 6.0)})
-    logged = good.copy()
-    logged[200:800, 0] = np.nan
-    path = tmp_path / "log.csv"
-    rows = [f"{t:.3f},{a % 4096:.0f},{c:.0f}" for t, (a, c) in zip(TIME, logged)]
-    path.write_text("\n".join(["t,angle,current", *rows]))
+    angle = good[:, 0] % 4096
+    angle[200:800] = np.nan
     with pytest.warns(DistalWarning, match=r"without a value for 3 s \(1 readings, the first at 4"):
-        read_log(path, wide)
+        read_log(frame(angle, good[:, 1]), wide)
 
 
 def test_a_number_beyond_all_sensors_is_passed_on(rig: Rig, good: Floats) -> None:
@@ -382,39 +335,34 @@ def test_a_number_beyond_all_sensors_is_passed_on(rig: Rig, good: Floats) -> Non
         assert sample[0] == pytest.approx(expected)
 
 
-def test_a_log_in_radians_begins_where_it_says(rig: Rig, good: Floats, tmp_path: Path) -> None:
+def test_a_log_in_radians_begins_where_it_says(rig: Rig, good: Floats) -> None:
     """A zero that is wrong is not taken for another turn: only a hand sets its motors so."""
     radians_rig = with_encoder(rig, unit="rad", counts_per_turn=None, bias={"value": 0.0})
-    path = tmp_path / "log.csv"
     position = 8.0 + good[:, 0] * 2 * pi / 4096
-    rows = [f"{t:.3f},{a:.6f},{c:.0f}" for t, a, c in zip(TIME, position, good[:, 1])]
-    path.write_text("\n".join(["t,angle,current", *rows]))
-    np.testing.assert_allclose(read_log(path, radians_rig).channels["angle"], position, atol=1e-5)
+    read = read_log(frame(position, good[:, 1]), radians_rig)
+    np.testing.assert_allclose(read.channels["angle"], position, atol=1e-5)
 
 
 def test_before_a_power_on_routine_no_range_says_where_an_encoder_is(
-    rig: Rig, good: Floats, tmp_path: Path
+    rig: Rig, good: Floats
 ) -> None:
-    path = tmp_path / "log.csv"
-    rows = [f"{t:.3f},{4000 + a / 10:.0f},{c:.0f}" for t, (a, c) in zip(TIME, good)]
-    path.write_text("\n".join(["t,angle,current", *rows]))
-    ranged = read_log(path, rig).channels["angle"]
-    as_read = read_log(path, rig, ranged=False).channels["angle"]
+    logged = frame(4000 + np.round(good[:, 0] / 10), good[:, 1])
+    ranged = read_log(logged, rig).channels["angle"]
+    as_read = read_log(logged, rig, ranged=False).channels["angle"]
     np.testing.assert_allclose(as_read - ranged, 2 * pi, atol=1e-9)
     assert as_read[0] > pi > ranged[0]
 
 
+@pytest.mark.parametrize("entry", ENTRIES)
 @pytest.mark.parametrize("turns", [-2, 1])
 def test_logs_that_taught_a_rig_say_in_which_turn_it_is(
-    rig: Rig, good: Floats, turns: int, tmp_path: Path
+    entry: Entry, rig: Rig, good: Floats, turns: int
 ) -> None:
     """A motor that counts from another turn, whose joint has no stops."""
     free = rig.with_values({"joints.0.stops": None})
-    drawn = drawn_map((free.joint_names[0],), CHANNELS, False)
-    reach = float(2 * pi / 4096 * np.ptp(good[:, 0]) / 2)
-    learned = drawn.model_copy(update={"low": (-reach, -1.0), "high": (reach, 1.0)})
-    off = good + np.array([4096 * turns, 0])
-    taught = free.with_map(readings=[learned])
-    for entry in ENTRIES:
-        came = entry(taught, off, tmp_path)
-        np.testing.assert_allclose(came, entry(free, good, tmp_path), atol=1e-9)
+    reach = 2 * pi / 4096 * float(np.ptp(good[:, 0])) / 2
+    learned = drawn_map((free.joint_names[0],), CHANNELS, False).model_copy(
+        update={"low": (-reach, -1.0), "high": (reach, 1.0)}
+    )
+    came = entry(free.with_map(readings=[learned]), np.add(good, [4096 * turns, 0]))
+    np.testing.assert_allclose(came, entry(free, good), atol=1e-9)

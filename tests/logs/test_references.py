@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+import polars as pl
 import pytest
 
 from distal import Rig, read_log
@@ -22,15 +21,13 @@ def held(values: np.ndarray, rate: float) -> np.ndarray:
 
 
 def test_a_held_sample_counts_once_and_a_rounded_one_always() -> None:
-    fresh = ~held_samples(held(ANGLE, 30.0))
-    assert np.mean(fresh) == pytest.approx(0.3, abs=0.02)
-    assert not held_samples(ANGLE).any()
-    for step in (0.001, 0.02):
-        assert not held_samples(np.round(ANGLE / step) * step).any()
+    assert np.mean(held_samples(held(ANGLE, 30.0))) == pytest.approx(0.7, abs=0.02)
     noise = np.random.default_rng(4).normal(0.0, 0.003, len(ANGLE))
-    for step in (0.0005, 0.002, 0.006):
-        assert not held_samples(np.round((ANGLE + noise) / step) * step).any()
-        assert held_samples(held(np.round((ANGLE + noise) / step) * step, 30.0)).any()
+    for values, steps in ((ANGLE, (1e-9, 0.001, 0.02)), (ANGLE + noise, (0.0005, 0.002, 0.006))):
+        for step in steps:
+            rounded = np.round(values / step) * step
+            assert not held_samples(rounded).any()
+            assert held_samples(held(rounded, 30.0)).any()
     assert not held_samples(np.full(50, 1.0)).any()
     assert not held_samples(np.array([np.nan, 1.0])).any()
 
@@ -56,34 +53,28 @@ def test_a_late_value_stands_where_it_belongs() -> None:
     assert earlier(TIME, late, 0.0) is late
 
 
-def test_a_log_with_a_late_held_camera_is_compared_as_it_was_seen(
-    tmp_path: Path, pulley_rig: Rig
-) -> None:
+def test_a_log_with_a_late_held_camera_is_compared_as_it_was_seen(pulley_rig: Rig) -> None:
     """By the `delay` of the rig's reference sensor, which the source of the truth says."""
-    raw = pulley_rig.model_dump()
     camera = {"name": "camera", "measures": "angle", "of": pulley_rig.joint_names[0], "delay": 0.04}
-    rig = Rig.model_validate({**raw, "sensors": [*raw["sensors"], camera]})
-    path = tmp_path / "log.csv"
+    sensors = [*(sensor.model_dump() for sensor in pulley_rig.sensors), camera]
+    rig, k = pulley_rig.with_values({"sensors": sensors}), np.arange(len(TIME))
     readings = held(np.interp(TIME - 0.04, TIME, ANGLE), 25.0)
-    rows = [
-        f"{t:.2f},{1e-3 + 1e-5 * k},{1e-3 - 1e-5 * k},{2 + 0.1 * (k % 7)},{2 + 0.1 * (k % 5)},{a:.9f}"
-        for k, (t, a) in enumerate(zip(TIME, readings))
-    ]
-    path.write_text("\n".join(["t,x1,x2,u1,u2,camera", *rows]))
-    log = read_log(path, rig)
+    values = (
+        TIME,
+        1e-3 + 1e-5 * k,
+        1e-3 - 1e-5 * k,
+        2 + 0.1 * (k % 7),
+        2 + 0.1 * (k % 5),
+        readings,
+    )
+    frame = pl.DataFrame(dict(zip(("t", "x1", "x2", "u1", "u2", "camera"), values)))
+    log = read_log(frame, rig)
     known = np.isfinite(log.truth["theta"])
     assert np.mean(known) == pytest.approx(0.25, abs=0.02)
     assert "40 ms late" in str(log.truth_source)
     error = log.truth["theta"][known] - ANGLE[known]
     assert np.sqrt(np.mean(error[2:-2] ** 2)) < 5e-3  # a straight line between 25 samples a second
-    mirrored = np.array(readings)
-    mirrored[300:308] *= -1.0
-    path.write_text(
-        "\n".join(
-            ["t,x1,x2,u1,u2,camera"]
-            + [",".join([*row.split(",")[:-1], f"{a:.9f}"]) for row, a in zip(rows, mirrored)]
-        )
-    )
+    readings[300:308] *= -1.0
     with pytest.warns(DistalWarning, match="camera jumps away and back 1 times, to its mirror"):
-        log = read_log(path, rig)
+        log = read_log(frame.with_columns(camera=readings), rig)
     assert not np.isfinite(log.truth["theta"][296:304]).any()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from distal import load_rig, shipped_rigs
+from distal.errors import RigError
 from distal.rig import doubts
 
 
-def test_shipped_rigs_raise_no_doubt() -> None:
-    assert {name: doubts(load_rig(name)) for name in shipped_rigs()} == {
-        name: [] for name in shipped_rigs()
-    }
+@pytest.mark.parametrize("name", shipped_rigs())
+def test_shipped_rigs_raise_no_doubt(name: str) -> None:
+    assert doubts(load_rig(name)) == []
 
 
 @pytest.mark.parametrize(
@@ -42,13 +42,8 @@ def test_a_spring_turns_a_joint_back() -> None:
 
 
 def test_a_list_whose_items_are_wrong_is_not_short_of_items() -> None:
-    from distal.errors import RigError
-
-    with pytest.raises(RigError) as caught:
+    with pytest.raises(RigError, match=r"^(?!.*at least one)"):
         load_rig("template", ['joints.0.inertia="3 degg"'])
-    assert "at least one" not in str(caught.value)
-    with pytest.raises(RigError, match="joints: at least one is needed"):
-        load_rig("template", ["joints=[]"])
 
 
 def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
@@ -56,33 +51,22 @@ def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
     the two.
     """
     rig = load_rig("template")
-    rubbing = rig.with_values({"tendons.left.path": {"friction": 0.1, "wrap": "90 deg"}})
     cell = {"name": "cell", "measures": "tension", "of": "left", "noise": "0.1 N"}
-    sensors = [*(sensor.model_dump() for sensor in rig.sensors), cell]
-    assert doubts(rig.with_values({"sensors": sensors})) == []
-    said = doubts(rubbing.with_values({"sensors": sensors}))
-    assert len(said) == 1
-    assert (
-        "sensor cell measures the tension of tendon left behind the friction of its path" in said[0]
-    )
+    known = rig.with_values({"sensors": [*(one.model_dump() for one in rig.sensors), cell]})
+    assert doubts(known) == []
+    path = {"friction": 0.1, "wrap": "90 deg"}
+    (said,) = doubts(known.with_values({"tendons.left.path": path}))
+    assert "cell measures the tension of tendon left behind the friction of its path" in said
 
 
 @pytest.mark.parametrize(
     ("wrong", "more"), [(3, ""), (4, " (and 1 more problem)"), (6, " (and 3 more problems)")]
 )
 def test_the_first_three_problems_are_said_and_the_others_counted(wrong: int, more: str) -> None:
-    from distal.errors import RigError
-
-    positions = (
-        "joints.0.inertia",
-        "joints.0.damping",
-        "drives.0.mass",
-        "drives.1.mass",
-        "drives.0.damping",
-        "drives.1.damping",
-    )
+    numbers = ("mass", "damping", "stop_stiffness")
+    paths = [f"drives.{i}.{number}" for i in (0, 1) for number in numbers]
     with pytest.raises(RigError) as caught:
-        load_rig("template", [f'{position}="3 degg"' for position in positions[:wrong]])
+        load_rig("template", [f'{path}="3 degg"' for path in paths[:wrong]])
     line = str(caught.value)
     assert line.count("; also ") == 2
     assert line.endswith(more) if more else "more problem" not in line

@@ -5,9 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from distal import Rig, load_rig
+from distal import load_rig
 from distal.rig import position_range
 from distal.rig.components import REACH
 from distal.rig.sensors import FORCE, POSITION, drive_travel, largest_effort
@@ -32,35 +33,29 @@ def test_a_capstan_turns_as_far_as_its_joint_takes_it() -> None:
     assert drive_travel(rig, 0) == pytest.approx((-REACH * arm / radius, REACH * arm / radius))
     stopped = rig.with_values({"drives.0.stops": [-1.0, 2.5]})
     assert drive_travel(stopped, 0) == (-1.0, 2.5)
-    raw = load_rig("paper-2008").model_dump()
-    for drive in raw["drives"]:
-        drive["stops"] = None
-        drive["nominal_force"] = {"value": 4.03, "std": 0.0}
-    slider = Rig.model_validate(raw)
+    slider = load_rig("paper-2008").with_values(
+        {"drives.*.stops": None, "drives.*.nominal_force": 4.03}
+    )
     centre, reach = 4.03 / slider.tendons[0].stiffness.value, REACH * slider.tendons[0].total_arm
     assert drive_travel(slider, 0) == pytest.approx((centre - reach, centre + reach))
 
 
-def test_a_tendon_over_several_joints_moves_as_far_as_their_stops_allow() -> None:
+@pytest.mark.parametrize(("name", "tendon"), [("finger-2n", 3), ("finger-underactuated", 0)])
+def test_a_tendon_over_several_joints_moves_as_far_as_their_stops_allow(
+    name: str, tendon: int
+) -> None:
     """Σ of each arm times the end of its joint that draws it in, and the one that lets it out."""
-    raw = load_rig("finger-2n").model_dump()
-    for drive in raw["drives"]:
-        drive["stops"] = None
-    rig = Rig.model_validate(raw)
+    rig = load_rig(name).with_values({"drives.*.stops": None})
     stops = {joint.name: joint.travel for joint in rig.joints}
-    assert any(len(tendon.joints) > 1 for tendon in rig.tendons)
-    for i, drive in enumerate(rig.drives):
-        tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
-        if len(tendon.joints) < 2:
-            continue
-        lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        turned = tendon.winding / lever if drive.kind == "capstan" else 1.0
-        centre = (
-            0.0 if drive.kind == "capstan" else drive.nominal_force.value / tendon.stiffness.value
-        )
-        ends = [[turned * arm * end for end in stops[name]] for name, arm in tendon.arms().items()]
-        expected = centre + sum(map(min, ends)), centre + sum(map(max, ends))
-        assert drive_travel(rig, i) == pytest.approx(expected)
+    drive, pulled = rig.drives[tendon], rig.tendons[tendon]
+    assert len(pulled.joints) > 1
+    ends = [[arm * end for end in stops[joint]] for joint, arm in pulled.arms().items()]
+    expected = np.array([sum(map(min, ends)), sum(map(max, ends))])
+    if drive.kind == "capstan":
+        expected = expected * pulled.winding / drive.radius.value
+    else:
+        expected = expected + drive.nominal_force.value / pulled.stiffness.value
+    assert drive_travel(rig, tendon) == pytest.approx(expected)
 
 
 def test_the_largest_effort_is_the_limit_or_twice_that_at_rest() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,107 +10,79 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
 from distal.errors import DistalWarning, RigError
-from distal.rig import edited_text, rig_text
+from distal.rig import edited_text, number, rig_text
 
 
 def test_shipped_rigs_load() -> None:
-    assert set(shipped_rigs()) == {
-        "lab-bench",
-        "template",
-        "paper-2008-printed",
-        "paper-2008",
-        "paper-2008-soft",
-        "paper-2008-observed",
-        "pulley-antagonist",
-        "capstan-joint",
-        "da-vinci-grasper",
-        "finger-2n",
-        "finger-n-plus-1",
-        "finger-underactuated",
-        "hand",
-        "wrist-instrument",
-    }
+    assert len(shipped_rigs()) >= 14
     for name in shipped_rigs():
-        assert isinstance(load_rig(name), Rig)
+        rig = load_rig(name)
+        assert isinstance(rig, Rig)
+        assert rig.with_values({}) == rig
 
 
 def test_paper_rig_has_the_values_of_table_1(paper_rig: Rig) -> None:
     joint, drive, tendon = paper_rig.joints[0], paper_rig.drives[0], paper_rig.tendons[0]
-    assert joint.friction is not None
-    values = [
-        joint.inertia.value,
-        drive.mass.value,
-        tendon.stiffness.value,
-        tendon.insertion.radius.value,
-        tendon.insertion.free_length.value,
-        joint.damping.value,
-        joint.friction.radius.value,
-        joint.friction.coefficient.value,
-        joint.friction.preload.value,
-        drive.damping.value,
-        drive.friction.load.value,
-        drive.stop_damping.value,
-        drive.stop_stiffness.value,
+    friction = joint.friction
+    assert friction is not None
+    table = [
+        (joint.inertia, 4.239e-4, 0.0),
+        (drive.mass, 1e-3, 0.0),
+        (tendon.stiffness, 806, 0.1),
+        (tendon.insertion.radius, 9.53e-3, 0.0),
+        (tendon.insertion.free_length, 0.375, 0.0),
+        (joint.damping, 8e-3, 0.0),
+        (friction.radius, 3.18e-3, 0.0),
+        (friction.coefficient, 0.5, 0.2),
+        (friction.preload, 4.9, 0.2),
+        (drive.damping, 0.01, 0.0),
+        (drive.friction.load, 2e-3, 0.2),
+        (drive.stop_damping, 3.0, 0.0),
+        (drive.stop_stiffness, 1e5, 0.0),
     ]
-    table = [4.239e-4, 1e-3, 806, 9.53e-3, 0.375, 8e-3, 3.18e-3, 0.5, 4.9, 0.01, 2e-3, 3.0, 1e5]
-    assert values == pytest.approx(table, rel=1e-12)
+    for found, value, share in table:
+        assert (found.value, found.total_std) == pytest.approx((value, share * value), rel=1e-12)
     assert load_rig("paper-2008-soft").tendons[0].stiffness.value == pytest.approx(403)
 
 
-def test_stds_of_the_paper_rig(paper_rig: Rig) -> None:
-    friction = paper_rig.joints[0].friction
-    assert friction is not None
-    for part, share in (
-        (friction.coefficient, 0.2),
-        (friction.preload, 0.2),
-        (paper_rig.tendons[0].stiffness, 0.1),
-    ):
-        assert part.total_std == pytest.approx(share * part.value)
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[[str], Rig]:
+    """Read a rig file."""
+
+    def call(text: str) -> Rig:
+        path = tmp_path / "rig.toml"
+        path.write_text(text, encoding="utf-8")
+        return load_rig(path)
+
+    return call
 
 
-def test_the_example_of_the_readme_shape(tmp_path: Path) -> None:
+PAPER = edited_text("paper-2008-printed")
+
+
+def test_the_example_of_the_readme_shape(read) -> None:
     """Bare numbers are SI, text has units, tables have std: the same rig three ways."""
-    text = edited_text("paper-2008-printed")
-    one = load_rig("paper-2008-printed")
-    file = tmp_path / "rig.toml"
-    file.write_text(
-        text.replace('"9.53 mm"', "9.53e-3").replace('"375 mm"', "{ value = 0.375 }"),
-        encoding="utf-8",
-    )
-    other = load_rig(file)
-    assert one.model_dump()["tendons"][0]["insertion"]["radius"]["value"] == pytest.approx(9.53e-3)
-    assert other.tendons[0].insertion == one.tendons[0].insertion.model_copy(
-        update={"radius": other.tendons[0].insertion.radius}
-    )
+    text = PAPER.replace('"9.53 mm"', "9.53e-3").replace('"375 mm"', "{ value = 0.375 }")
+    assert text != PAPER
+    one, other = load_rig("paper-2008-printed"), read(text)
+    assert other.tendons[0].insertion.radius.value == pytest.approx(9.53e-3)
+    assert other.with_values({"name": one.name}) == one
 
 
-def test_dump_and_build_give_the_same_rig() -> None:
-    for name in shipped_rigs():
-        rig = load_rig(name)
-        assert rig.with_values({}) == rig
-
-
-def test_template_is_a_rig(tmp_path: Path) -> None:
-    file = tmp_path / "new.toml"
-    file.write_text(rig_text("template")[0], encoding="utf-8")
-    assert load_rig(file).name == "My joint"
+def test_template_is_a_rig(read) -> None:
+    text = rig_text("template")[0]
+    assert read(text).name == "My joint"
     # what the template only shows as a comment is right too
-    shown = re.sub(
-        r"(?m)^# (spring|gravity|stops|external_torque|damping|pretension) =",
-        r"\1 =",
-        rig_text("template")[0],
-    )
-    file.write_text(shown, encoding="utf-8")
-    rig = load_rig(file)
+    keys = "spring|gravity|stops|external_torque|damping|pretension"
+    rig = read(re.sub(rf"(?m)^# ({keys}) =", r"\1 =", text))
     assert rig.joints[0].spring is not None
     assert rig.joints[0].gravity is not None
 
 
 REFUSED = [
     ('drives.0.stops=["5 mm", "-5 mm"]', r"drives\.left\.stops: is the wrong way round"),
-    ("drives.0.mass=-1", r"drives\.left\.mass: must be positive, -1 came"),
     ("tendons.0.stiffness=-806", r"tendons\.left\.stiffness: must be positive, -806 came"),
-    ("tendons.0.stiffness=0", r"must be positive"),
+    ("tendons.0.stiffness=0", r"must be positive, 0 came"),
     ('joints.0.friction.coefficient="0,5"', r"decimal comma"),
     (
         'joints.0.inertia="1 kg"',
@@ -186,6 +159,7 @@ REFUSED = [
     ("novalue", r"write path=value"),
     ("name=", r"write path=value"),
     ("drives.0.mass=[1", r"is not TOML"),
+    (f"{'.'.join(['a'] * 2000)}=1", "has 2000 parts; no value of a rig has so many"),
 ]
 
 
@@ -196,37 +170,36 @@ def test_wrong_values_are_refused_by_name(assignment: str, said: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_joint_that_no_tendon_crosses_is_refused_by_name(tmp_path: Path) -> None:
-    text = edited_text("paper-2008-printed").replace(
-        "[[drives]]", '[[joints]]\nname = "tip"\ninertia = 1e-4\n\n[[drives]]', 1
-    )
-    file = tmp_path / "chain.toml"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(RigError, match="no tendon crosses 'tip', so nothing tells where it is"):
-        load_rig(file)
-
-
-def test_an_idle_drive_is_refused(tmp_path: Path) -> None:
-    text = edited_text("paper-2008-printed").replace('drive = "right"', 'drive = "left"')
-    file = tmp_path / "idle.toml"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(RigError, match="'right' pulls no tendon"):
-        load_rig(file)
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "[[drives]]",
+            '[[joints]]\nname = "tip"\ninertia = 1e-4\n\n[[drives]]',
+            "no tendon crosses 'tip', so nothing tells where it is",
+        ),
+        ('drive = "right"', 'drive = "left"', "'right' pulls no tendon"),
+        ("[log]", "log = = 3", r"not valid TOML.*line \d"),
+        ("[log]", "\0", r"not valid TOML.*line \d"),
+    ],
+)
+def test_wrong_files_are_refused_by_name(read, old: str, new: str, said: str) -> None:
+    assert old in PAPER
+    with pytest.raises(RigError, match=said):
+        read(PAPER.replace(old, new, 1))
 
 
 def test_unknown_rigs_and_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(RigError, match=r"unknown rig 'paper-208'; did you mean 'paper-2008'\?"):
         load_rig("paper-208")
-    with pytest.raises(RigError, match="cannot be read"):
-        load_rig(tmp_path / "missing.toml")
-    (tmp_path / "bad.toml").write_text('name = "a"\nlog = = 3\n', encoding="utf-8")
-    with pytest.raises(RigError, match=r"not valid TOML.*line 2"):
-        load_rig(tmp_path / "bad.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RigError, match="UTF-8"):
-        load_rig(tmp_path / "binary.toml")
-    with pytest.raises(RigError, match="cannot be read"):
-        load_rig(tmp_path)
+    for name, said in (
+        ("missing.toml", "cannot be read"),
+        (".", "cannot be read"),
+        ("binary.toml", "UTF-8"),
+    ):
+        with pytest.raises(RigError, match=said):
+            load_rig(tmp_path / name)
 
 
 def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
@@ -251,81 +224,54 @@ def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
     assert rig.sensors[1].noise == 0.1
 
 
-def test_show_with_set_keeps_comments_and_loads(tmp_path: Path) -> None:
-    text = edited_text(
-        "paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"]
-    )
+def test_show_with_set_keeps_comments_and_loads(read) -> None:
+    changes = ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"]
+    text = edited_text("paper-2008-printed", changes)
     assert "# J, an 84 g disk" in text
-    file = tmp_path / "edited.toml"
-    file.write_text(text, encoding="utf-8")
-    expected = load_rig(
-        "paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"]
-    )
-    assert load_rig(file) == expected
+    assert read(text) == load_rig("paper-2008-printed", changes)
 
 
-def test_reference_load() -> None:
-    assert load_rig("paper-2008-printed").reference_load(0) == pytest.approx(8.9)
+def test_reference_load(paper_rig: Rig) -> None:
+    assert paper_rig.reference_load(0) == pytest.approx(8.9)
     assert load_rig("paper-2008-observed").reference_load(0) == pytest.approx(15.2)
+    unloaded = {"joints.0.friction.preload": 0, "drives.*.nominal_force": 0}
     with pytest.raises(RigError, match="needs a 'reference' load"):
-        load_rig(
-            "paper-2008-printed",
-            [
-                "joints.0.friction.exponent=1.5",
-                "joints.0.friction.preload=0",
-                "drives.0.nominal_force=0",
-                "drives.1.nominal_force=0",
-            ],
-        )
+        paper_rig.with_values({"joints.0.friction.exponent": 1.5, **unloaded})
 
 
-@given(
-    st.dictionaries(
-        st.sampled_from(
-            [
-                "joints.0.inertia",
-                "drives.0.mass",
-                "tendons.0.stiffness",
-                "drives.1.damping",
-                "sensors.0.noise",
-            ]
-        ),
-        st.floats(min_value=1e-9, max_value=1e9),
-        min_size=1,
-    )
+NUMBERS = (
+    "joints.0.inertia",
+    "drives.0.mass",
+    "tendons.0.stiffness",
+    "drives.1.damping",
+    "sensors.0.noise",
 )
+
+
+@given(st.dictionaries(st.sampled_from(NUMBERS), st.floats(1e-9, 1e9), min_size=1))
 def test_any_positive_values_make_a_rig(values: dict[str, float]) -> None:
     rig = load_rig("paper-2008-printed").with_values(values)
-    dumped = rig.model_dump()
-    for path, value in values.items():
-        part: object = dumped
-        for key in path.split("."):
-            part = part[int(key)] if key.isdigit() else part[key]  # type: ignore[index]
-        assert (part["value"] if isinstance(part, dict) else part) == value
+    assert [number(rig, path).value for path in values] == [*values.values()]
     assert rig.with_values({}) == rig
 
 
-def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:
+@pytest.mark.parametrize(
+    ("assignment", "said"),
+    [
+        (
+            'tendons.*.stiffness="12 N/mm"',
+            r"\[map\] was learned with other numbers than tendons\.\*\.stiffness.*or remove it$",
+        ),
+        (
+            'joints.jaw.external_torque.std="0.05 N m"',
+            r"or remove it; declare external_torque\.std in the rig file before the fit$",
+        ),
+    ],
+)
+def test_a_number_changed_by_hand_leaves_a_learned_correction_behind(
+    assignment: str, said: str
+) -> None:
     """A map beside a filter is what one set of numbers leaves; a sensor's column is none of them."""
-    with pytest.warns(
-        DistalWarning,
-        match=r"\[map\] was learned with other numbers than tendons\.\*\.stiffness",
-    ):
-        load_rig("da-vinci-grasper", ['tendons.*.stiffness="12 N/mm"'])
+    with pytest.warns(DistalWarning, match=said):
+        load_rig("da-vinci-grasper", [assignment])
     load_rig("da-vinci-grasper", ['log.time.unit="ms"'])
-
-
-def test_a_torque_declared_after_the_fit_is_said_to_belong_before_it() -> None:
-    with pytest.warns(
-        DistalWarning,
-        match=r"fit again, or remove it; declare external_torque\.std in the rig file before the fit$",
-    ):
-        load_rig("da-vinci-grasper", ['joints.jaw.external_torque.std="0.05 N m"'])
-    with pytest.warns(DistalWarning, match="or remove it$"):
-        load_rig("da-vinci-grasper", ["joints.jaw.inertia=1e-5"])
-
-
-def test_a_path_with_too_many_keys_is_refused() -> None:
-    """A path of thousands of keys would end Python's stack."""
-    with pytest.raises(RigError, match="has 2000 parts; no value of a rig has so many"):
-        load_rig("paper-2008", [f"{'.'.join(['a'] * 2000)}=1"])

@@ -7,7 +7,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import Rig, estimate
 from distal.rig import from_mujoco
 from tests.rig.mjcf.models import FINGER
 
@@ -100,32 +99,3 @@ def test_stiffness_is_less_sure_where_no_drive_pulls_against_another(
     assert {(tendon.stiffness.value, tendon.stiffness.std) for tendon in rig.tendons} == {
         (2e4, std)
     }
-
-
-def shares(rig: Rig, log: object) -> tuple[float, float]:
-    """Return RMS error [deg] and the share inside the band."""
-    got = estimate(log, rig, "adaptive")
-    return float(np.rad2deg(np.sqrt(np.mean(got.errors() ** 2)))), float(np.mean(got.inside_band()))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "coupled"),
-    [
-        (1, False),
-        (5, True),
-        *(
-            pytest.param(*case, marks=pytest.mark.more)
-            for case in ((3, False), (6, False), (6, True))
-        ),
-    ],
-)
-def test_a_finger_of_ones_own_without_a_fit(seed: int, coupled: bool) -> None:
-    """Nothing stretches, limits give way; stiff stops and a stiffness of ± 50 % held 10 to 74 % of
-    it in the band.
-    """
-    from tests.support.mujoco_fingers import unstretched
-
-    error, inside = shares(*unstretched(seed, coupled))
-    assert error <= 2.0
-    assert inside >= 0.88
