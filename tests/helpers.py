@@ -5,12 +5,13 @@ typed out naively.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal import Log
 from distal.estimators.adaptive import FilterContext
 from distal.rig import Rig, Sensor
 from distal.sensor_errors import SensorErrors
@@ -19,6 +20,11 @@ Floats = NDArray[np.float64]
 
 PULLEYS = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
 """Insertions with which a wild displacement is a wild angle for estimators that trust it."""
+
+
+def changed(log: Log, **columns: Floats) -> Log:
+    """Return a log with other readings in some of its columns."""
+    return replace(log, channels={**log.channels, **columns})
 
 
 def finite_difference(

@@ -30,6 +30,11 @@ def joint(**gains: object) -> JointControl:
     )
 
 
+def paper_pid(**gains: object) -> PID:
+    """Return the controller of the paper's link, called every 10 ms."""
+    return PID(load_rig("paper-2008"), {"link": joint(**gains)}, 0.01, 5.0)
+
+
 def seen(*angles: float, health: str = "ok", std: float = 0.01) -> Reading:
     return Reading(0.0, angles, (std,) * len(angles), health)  # type: ignore[arg-type]
 
@@ -51,8 +56,7 @@ def test_the_law_of_a_pid() -> None:
     """Two calls by hand: e = 10° then 6°, the speed smoothed by 0.3, the integral of the first
     error.
     """
-    rig = load_rig("paper-2008")
-    pid = PID(rig, {"link": joint(integral="2 N m/(rad s)", derivative="0.1 N m s/rad")}, 0.01, 5.0)
+    pid = paper_pid(integral="2 N m/(rad s)", derivative="0.1 N m s/rad")
     assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(10 * DEGREE, rel=1e-9)
     small = 1e-9 * DEGREE  # the arm is that of the angle
     second = torque_of(pid(0.01, {}, seen(small)))
@@ -70,33 +74,26 @@ def test_tensions_share_a_torque_and_never_push() -> None:
         assert left + right == pytest.approx(max(10.0, abs(torque) / ARM))
 
 
-def test_a_finger_gets_its_torques_by_the_transposed_arms() -> None:
-    """Two joints, four tendons: A T = τ for the arms of the rig, and no tendon pushes."""
-    torques = np.array([0.05, -0.02])
-    tensions = dict(
-        zip(
-            ("mcp_f", "mcp_e", "pip_f", "pip_e"),
-            shared("finger-2n", 10.0, [0.0, 0.0], torques.tolist()),
-        )
-    )
-    assert min(tensions.values()) >= 0.0
-    pip = tensions["pip_f"] - tensions["pip_e"]
-    assert 6e-3 * pip == pytest.approx(torques[1])
-    assert 8e-3 * (tensions["mcp_f"] - tensions["mcp_e"]) + 7e-3 * pip == pytest.approx(torques[0])
-
-
-def test_with_one_tendon_more_than_joints_none_pushes() -> None:
-    """Tendons that are not opposed in pairs: only the right sign of what is missing lifts them
-    all.
+@pytest.mark.parametrize(
+    ("name", "tension", "torques"),
+    [
+        ("finger-2n", 10.0, [0.05, -0.02]),
+        ("finger-n-plus-1", 2.0, [0.1, 0.0, 0.0]),
+        ("finger-n-plus-1", 2.0, [-0.1, 0.0, 0.0]),
+        ("finger-n-plus-1", 2.0, [0.0, 0.05, -0.02]),
+    ],
+)
+def test_a_finger_gets_its_torques_by_the_transposed_arms(
+    name: str, tension: float, torques: list[float]
+) -> None:
+    """A T = τ for the arms of the rig, and no tendon pushes. Of tendons that are not opposed in
+    pairs only the right sign of what is missing lifts them all.
     """
-    rig = load_rig("finger-n-plus-1")
-    arms = np.array(
-        [[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons]
-    )
-    for torques in ([0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, 0.05, -0.02]):
-        tensions = np.array(shared("finger-n-plus-1", 2.0, [0.0, 0.0, 0.0], torques))
-        assert tensions.min() >= -1e-9
-        np.testing.assert_allclose(arms.T @ tensions, torques, atol=1e-8)
+    rig = load_rig(name)
+    arms = [[tendon.arms().get(joint, 0.0) for joint in rig.joint_names] for tendon in rig.tendons]
+    tensions = np.array(shared(name, tension, [0.0] * len(torques), torques))
+    assert tensions.min() >= -1e-9
+    np.testing.assert_allclose(tensions @ arms, torques, atol=1e-8)
 
 
 def test_a_capstan_turns_its_joint_both_ways() -> None:
@@ -104,19 +101,16 @@ def test_a_capstan_turns_its_joint_both_ways() -> None:
     rig = load_rig("capstan-joint")
     drive, tendon = rig.drives[0], rig.tendons[0]
     lever = drive.radius.value / tendon.total_arm  # type: ignore[union-attr]
-    for torque in (0.02, -0.02):
-        (command,) = shared("capstan-joint", 10.0, [rig.joints[0].initial.value], [torque])
-        assert abs(command) == pytest.approx(0.02 * lever, rel=0.05)
-    up, down = (shared("capstan-joint", 3.0, [0.0], [torque])[0] for torque in (0.02, -0.02))
-    assert up == pytest.approx(-down)
+    for torque, tension in ((0.02, 10.0), (-0.02, 3.0)):
+        (command,) = shared("capstan-joint", tension, [0.0], [torque])
+        assert command * np.sign(torque) == pytest.approx(0.02 * lever, rel=1e-3)
 
 
 def test_the_integral_stands_while_the_torque_is_cut() -> None:
     """A minute at the limit leaves no integral behind: the first call within it has that of one
     period.
     """
-    rig = load_rig("paper-2008")
-    pid = PID(rig, {"link": joint(integral="1 N m/(rad s)", torque_limit="0.05 N m")}, 0.01, 5.0)
+    pid = paper_pid(integral="1 N m/(rad s)", torque_limit="0.05 N m")
     for k in range(6000):
         assert torque_of(pid(0.01 * k, {}, seen(0.0))) == pytest.approx(0.05)
     pid.part("speed")[:] = 0.0
@@ -124,25 +118,17 @@ def test_the_integral_stands_while_the_torque_is_cut() -> None:
 
 
 def test_a_small_error_counts_as_none() -> None:
-    pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg")}, 0.01, 5.0)
-    assert torque_of(pid(0.0, {}, seen(8.5 * DEGREE))) == pytest.approx(
-        0.0, abs=1e-5
-    )  # the arms differ a little there
-    pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg")}, 0.01, 5.0)
-    assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(8 * DEGREE)
+    """But for 1e-5 N m: the arms differ a little at that angle."""
+    for angle, torque in ((8.5, 0.0), (0.0, 8.0)):
+        commands = paper_pid(deadband="2 deg")(0.0, {}, seen(angle * DEGREE))
+        assert torque_of(commands) == pytest.approx(torque * DEGREE, abs=1e-5)
 
 
 def test_a_joint_that_rests_goes_on_resting_until_its_error_has_doubled() -> None:
     """The estimate of a joint at rest wanders: its controller does not follow."""
-    pid = PID(
-        load_rig("paper-2008"),
-        {"link": joint(deadband="2 deg", integral="5 N m/(rad s)")},
-        0.01,
-        5.0,
-    )
-    for k, (angle, rests) in enumerate(
-        ((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))
-    ):
+    pid = paper_pid(deadband="2 deg", integral="5 N m/(rad s)")
+    ways = ((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))
+    for k, (angle, rests) in enumerate(ways):
         before = pid.part("effort")[0]
         pid(0.01 * k, {}, seen(angle * DEGREE))
         assert (pid.part("effort")[0] == before) == rests
@@ -150,16 +136,10 @@ def test_a_joint_that_rests_goes_on_resting_until_its_error_has_doubled() -> Non
 
 def test_without_an_angle_the_last_commands_are_held() -> None:
     """NaN, a lost filter, a dead sensor."""
-    pid = PID(load_rig("paper-2008"), {"link": joint()}, 0.01, 5.0)
+    pid = paper_pid()
     before = pid(0.0, {}, seen(0.0))
-    for k, bad in enumerate(
-        (
-            seen(nan, health="bad"),
-            seen(nan, health="bad"),
-            seen(0.1, std=1.0),
-            seen(0.1, health="dead"),
-        )
-    ):
+    lost = seen(nan, health="bad")
+    for k, bad in enumerate((lost, lost, seen(0.1, std=1.0), seen(0.1, health="dead"))):
         assert pid(0.01 * (k + 1), {}, bad) == before
     assert pid(0.05, {}, seen(5 * DEGREE)) != before
 
@@ -195,35 +175,28 @@ def test_the_figure_shows_angles_errors_and_the_band_of_what_was_told() -> None:
     1.96 times that.
     """
     time = np.arange(0, 3, 0.01)
-    reference, angle = (
-        20 * DEGREE * np.sin(time),
-        20 * DEGREE * np.sin(time) + np.where(time < 1, 2, -1) * DEGREE,
-    )
-    best = replace(
-        made(reference, angle, time), feedback="adaptive", stds=np.full((len(time), 1), 0.02)
-    )
-    worse = replace(made(reference, angle + 4 * DEGREE, time), feedback="encoder")
+    reference, off = 20 * np.sin(time), np.where(time < 1, 2, -1)
+    best = made(reference * DEGREE, (reference + off) * DEGREE, time)
+    best = replace(best, feedback="adaptive", stds=np.full((len(time), 1), 0.02))
+    worse = made(reference * DEGREE, (reference + off + 4) * DEGREE, time)
     top, middle, low = plot_control([best, worse]).axes
-    assert [line.get_label() for line in top.get_lines()][1:] == [
-        "fed back by adaptive",
-        "fed back by encoder",
-    ]
-    np.testing.assert_allclose(top.get_lines()[0].get_ydata(), np.rad2deg(reference))
-    np.testing.assert_allclose(top.get_lines()[2].get_ydata(), np.rad2deg(angle) + 4)
-    np.testing.assert_allclose(
-        middle.get_lines()[0].get_ydata(), np.where(time < 1, 2, -1), atol=1e-9
-    )
-    np.testing.assert_allclose(middle.get_lines()[2].get_ydata(), np.rad2deg(0.01))
+    labels = [str(line.get_label()) for line in top.get_lines()]
+    assert labels[1:] == ["fed back by adaptive", "fed back by encoder"]
+    for axis, line, drawn in (
+        (top, 0, reference),
+        (top, 2, reference + off + 4),
+        (middle, 0, off),
+        (middle, 2, np.rad2deg(0.01)),
+        (low, 0, 3.0),
+    ):
+        np.testing.assert_allclose(axis.get_lines()[line].get_ydata(), drawn, atol=1e-9)
     (band,) = middle.collections
     heights = band.get_paths()[0].vertices[:, 1]
-    assert (heights.min(), heights.max()) == pytest.approx(
-        tuple(np.rad2deg(0.01 + sign * BAND * 0.02) for sign in (-1, 1))
-    )
+    ends = [np.rad2deg(0.01 + sign * BAND * 0.02) for sign in (-1, 1)]
+    assert [heights.min(), heights.max()] == pytest.approx(ends)
     # the deviations' axis is three times as high as those of the best
     assert middle.get_ylim() == pytest.approx((-6.0, 6.0))
-    span = float(np.ptp(np.rad2deg(reference)))
-    desired = np.rad2deg(reference).min() - 0.4 * span, np.rad2deg(reference).max() + 0.4 * span
-    assert top.get_ylim() == pytest.approx(desired)
-    np.testing.assert_allclose(low.get_lines()[0].get_ydata(), 3.0)
+    room = 0.4 * np.ptp(reference)
+    assert top.get_ylim() == pytest.approx((min(reference) - room, max(reference) + room))
     still = replace(best, references={"link": 0 * time})
     assert plot_control([still]).axes[0].get_ylim() == pytest.approx((-0.4, 0.4))

@@ -7,6 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.confidence import SMALL
@@ -22,50 +23,32 @@ from distal.diagnosis.innovation_tests import (
 )
 from distal.errors import EstimationError
 from distal.estimators import StateKind
+from tests.helpers import changed
 from tests.support.cases import paper_log, paper_rig
-
-
-def changed(log: Log, **channels: np.ndarray) -> Log:
-    return Log(log.time, {**log.channels, **channels}, dict(log.truth), log.source)
-
-
-@pytest.fixture(scope="module")
-def rig() -> Rig:
-    return paper_rig("as the rig")
-
-
-@pytest.fixture(scope="module")
-def log() -> Log:
-    return paper_log("servo", "as the rig", 0)
 
 
 def made(
     innovations: np.ndarray | None = None,
     end: float = 1.0,
     std: float = 0.01,
-    middle: float | None = None,
     friction: float = 0.0,
     priors: bool = True,
 ) -> Estimate:
-    """Return a constructed estimate: an angle, a factor with prior 1 ± 0.1 that is `end` ± `std` in
-    the end, a friction.
+    """Return a constructed estimate: an angle, a factor with prior 1 ± 0.1 that is `end` ± `std`, a
+    friction; white innovations of variance 1 are the reference.
     """
     k = 1000
-    time = np.arange(k) / 100.0
-    factor = np.full(k, end) if middle is None else np.where(np.arange(k) <= k // 2, middle, end)
-    means = np.column_stack([np.zeros(k), factor, np.full(k, friction)])
-    variances = np.column_stack([np.full(k, 1e-4), np.full(k, std**2), np.full(k, 1e-4)])
+    variances = np.tile([1e-4, std**2, 1e-4], (k, 1))
     variances[0, 2] = 1.0
-    values = np.random.default_rng(3).normal(size=(k, 2)) if innovations is None else innovations
     return Estimate(
         "adaptive",
         "made",
-        time,
+        np.arange(k) / 100.0,
         ("theta", "factor", "friction_left"),
-        means,
+        np.tile([0.0, end, friction], (k, 1)),
         variances,
         ("u1", "u2"),
-        values,
+        np.random.default_rng(3).normal(size=(k, 2)) if innovations is None else innovations,
         np.ones((k, 2)),
         prior_means=np.array([np.nan, 1.0, np.nan]) if priors else None,
         prior_stds=np.array([np.nan, 0.1, np.nan]) if priors else None,
@@ -75,165 +58,156 @@ def made(
     )
 
 
-class TestConstructed:
-    """Each finding on an estimate that is made for it; white innovations of variance 1 are the
-    reference.
+def test_white_innovations_are_consistent_and_say_what_was_tested() -> None:
+    found = diagnose(made())
+    assert found.tested == ("u1", "u2")
+    assert found.text.startswith("consistent: u1, u2 agree with the rig")
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds"),
+    [
+        ({}, []),
+        # a stiffness of 0.065 of itself was called consistent
+        ({"end": 0.065, "std": 0.0006}, ["left its prior"]),
+        ({"end": 1.29}, []),
+        ({"end": 1.32}, ["left its prior"]),
+        # its own doubt is taken off: it may well be inside three standard deviations
+        ({"end": 1.32, "std": 0.05}, []),
+        ({"end": 0.065, "priors": False}, []),
+        ({"friction": 0.6}, ["friction"]),
+    ],
+)
+def test_what_left_its_prior_and_friction_contradict(
+    change: dict[str, float], kinds: list[str]
+) -> None:
+    found = diagnose(made(**change))
+    assert [one.kind for one in found.findings] == kinds
+    assert found.consistent is (kinds == [])
+    assert not found.untested
+
+
+def test_a_state_far_from_its_prior_is_said_with_both() -> None:
+    found = diagnose(made(end=0.065, std=0.0006))
+    assert found.findings[0].subject == "factor"
+    assert "0.065 ± 0.0006" in found.text
+    assert "1 ± 0.1" in found.text
+
+
+def test_innovations_too_small_test_nothing() -> None:
+    """ν²/S of 0.02 is no agreement: S is then what the filter does not believe of the
+    sensor.
     """
-
-    def test_white_innovations_are_consistent_and_say_what_was_tested(self) -> None:
-        found = diagnose(made())
-        assert found.consistent
-        assert found.tested == ("u1", "u2")
-        assert found.findings == ()
-        assert found.text.startswith("consistent: u1, u2 agree with the rig")
-
-    def test_a_state_far_from_its_prior(self) -> None:
-        """A stiffness of 0.065 ± 0.0006 of itself, prior 1 ± 0.1, was called consistent."""
-        found = diagnose(made(end=0.065, std=0.0006))
-        assert [one.kind for one in found.findings] == ["left its prior"]
-        assert found.findings[0].subject == "factor"
-        assert not found.consistent
-        assert "0.065 ± 0.0006" in found.text
-        assert "1 ± 0.1" in found.text
-
-    @pytest.mark.parametrize(("away", "left"), [(2.9, False), (3.2, True)])
-    def test_it_has_left_from_three_standard_deviations_on(self, away: float, left: bool) -> None:
-        assert diagnose(made(end=1.0 + 0.1 * away, std=0.01)).consistent is not left
-
-    def test_its_own_doubt_is_taken_off(self) -> None:
-        """3.2 standard deviations off, known to half of one: it may well be inside 3."""
-        assert diagnose(made(end=1.32, std=0.05)).consistent
-
-    def test_without_priors_nothing_is_said_of_them(self) -> None:
-        assert diagnose(made(end=0.065, priors=False)).consistent
-
-    def test_innovations_too_small_test_nothing(self) -> None:
-        """ν²/S of 0.02 is no agreement: S is then what the filter does not believe of the
-        sensor.
-        """
-        values = np.random.default_rng(4).normal(size=(1000, 2))
-        both = diagnose(made(np.sqrt(0.02) * values))
-        assert not both.consistent
-        assert both.tested == ()
-        assert both.untested
-        assert both.text.startswith("not tested by u1")
-        assert both.headline == "not tested by u1"
-        one = diagnose(made(values * [1.0, np.sqrt(0.02)]))
-        assert one.consistent
-        assert one.tested == ("u1",)
-        assert "not tested by u2" in one.text
-        assert diagnose(
-            made(np.sqrt(2 * SMALL) * values)
-        ).consistent  # the mean of 900 squares errs by 5 %, not by half
-
-    def test_nothing_compared_is_not_consistent(self) -> None:
-        found = diagnose(made(np.full((1000, 2), np.nan)))
-        assert not found.consistent
-        assert found.untested
-        assert found.text.startswith("not tested")
-
-    def test_friction_that_was_found(self) -> None:
-        found = diagnose(made(friction=0.6))
-        assert [one.kind for one in found.findings] == ["friction"]
-        assert not found.consistent
-        assert not found.untested
-
-    @pytest.mark.parametrize(("weight", "white"), [(0.2, True), (0.5, False)])
-    def test_one_channel_that_is_not_white(self, weight: float, white: bool) -> None:
-        """ν_k = (w_k + a w_{k−1})/√(1 + a²) has the correlation a/(1 + a²): 0.19 and 0.4, ± 0.03
-        over 1000 samples.
-        """
-        noise = np.random.default_rng(5).normal(size=(1001, 2))
-        values = noise[1:].copy()
-        values[:, 1] = (noise[1:, 1] + weight * noise[:-1, 1]) / np.sqrt(1 + weight**2)
-        found = diagnose(made(values))
-        assert found.consistent is white
-        assert [(one.kind, one.subject) for one in found.findings] == (
-            [] if white else [("drifts", "u2")]
-        )
-
-    def test_what_else_was_found_counts_too(self) -> None:
-        other = Finding("cannot be there", "x1", "x1 is elsewhere")
-        assert not of_estimate(made(), [other]).consistent
-        beyond = Finding("cannot test", "insertion radius of tendon left", "…")
-        found = of_estimate(made(), [beyond])
-        assert found.consistent
-        assert found.text.endswith("cannot be felt: insertion radius of tendon left")
-        assert not found.text.startswith("consistent")
-
-    def test_the_line_stays_one_line(self) -> None:
-        many = [Finding("cannot test", f"insertion radius of tendon t{i}", "…") for i in range(20)]
-        text = of_estimate(made(), many).text
-        assert len(text) <= LONGEST_LINE
-        assert text.endswith("; …")
-        loud = [
-            Finding("looks like", f"u{i}", f"u{i} looks like pounds, and so on and so forth")
-            for i in range(20)
-        ]
-        text = of_estimate(made(), loud).text
-        assert len(text) <= LONGEST_LINE + len("; and 20 more (--findings)")
-        assert "more" in text
+    values = np.random.default_rng(4).normal(size=(1000, 2))
+    both = diagnose(made(np.sqrt(0.02) * values))
+    assert not both.consistent
+    assert both.tested == ()
+    assert both.untested
+    assert both.text.startswith("not tested by u1")
+    assert both.headline == "not tested by u1"
+    one = diagnose(made(values * [1.0, np.sqrt(0.02)]))
+    assert one.consistent
+    assert one.tested == ("u1",)
+    assert "not tested by u2" in one.text
+    # the mean of 900 squares errs by 5 %, not by half
+    assert diagnose(made(np.sqrt(2 * SMALL) * values)).consistent
 
 
-class TestLogs:
-    """On simulated logs, of which one thing is wrong."""
+def test_nothing_compared_is_not_consistent() -> None:
+    found = diagnose(made(np.full((1000, 2), np.nan)))
+    assert not found.consistent
+    assert found.untested
+    assert found.text.startswith("not tested")
 
-    def test_which_sensor_disagrees_and_from_when_on(self, rig: Rig, log: Log) -> None:
-        assert diagnose(estimate(log, rig)).consistent
-        drift = np.where(log.time > 6.0, 4.0 * np.minimum(log.time - 6.0, 1.0), 0.0)
-        text = diagnose(estimate(changed(log, u2=log.channels["u2"] + drift), rig)).text
-        assert text.startswith("sensor u2 disagrees from ")
-        assert 6.0 <= float(text.split("from ")[1].split(" s")[0]) <= 8.0
-        noisy = changed(
-            log,
-            **{
-                f"u{i}": log.channels[f"u{i}"] + np.random.default_rng(i).normal(0, 0.9, len(log))
-                for i in (1, 2)
-            },
-        )
-        assert "larger than normal" in diagnose(estimate(noisy, rig)).text
-        assert "not checked" in diagnose(estimate(log, rig, "elastic")).text
 
-    def test_undeclared_friction_is_named(self) -> None:
-        plant = "slider friction 1 N"
-        text = diagnose(estimate(paper_log("servo", plant, 0), paper_rig(plant))).text
-        assert "friction that the rig does not have" in text
-        assert "'left'" in text
+@pytest.mark.parametrize(("weight", "white"), [(0.2, True), (0.5, False)])
+def test_one_channel_that_is_not_white(weight: float, white: bool) -> None:
+    """ν_k = (w_k + a w_{k−1})/√(1 + a²) has the correlation a/(1 + a²): 0.19 and 0.4, ± 0.03
+    over 1000 samples.
+    """
+    noise = np.random.default_rng(5).normal(size=(1001, 2))
+    values = noise[1:].copy()
+    values[:, 1] = (noise[1:, 1] + weight * noise[:-1, 1]) / np.sqrt(1 + weight**2)
+    found = diagnose(made(values))
+    assert [(one.kind, one.subject) for one in found.findings] == (
+        [] if white else [("drifts", "u2")]
+    )
 
-    def test_what_is_not_compared_is_said(self, rig: Rig, log: Log) -> None:
-        """A window of the stops that is far too small: forces count for nothing, and that is
-        said.
-        """
-        narrow = rig.with_values({f"drives.{i}.stops": [0.0, 0.002] for i in range(2)})
-        result = estimate(log, narrow)
-        assert np.mean(np.isfinite(result.innovations)) < 0.5
-        text = diagnose(result).text
-        assert "could be compared" in text
-        assert "could be compared" not in diagnose(estimate(log, rig)).text
 
-    def test_an_angle_that_no_joint_has(self, rig: Rig, log: Log) -> None:
-        """A gear that was forgotten turns the joint round and round."""
-        result = estimate(log, rig)
-        means = result.means.copy()
-        for factor, said in ((250.0, False), (290.0, True)):
-            means[:, 0] = np.deg2rad(factor) * np.linspace(-0.5, 0.5, len(means))
-            found = diagnose(replace(result, means=means))
-            assert any(one.kind == "cannot be there" for one in found.findings) == said
-            assert ("covers 290°, which no joint does" in found.text) == said
+def test_what_else_was_found_counts_too() -> None:
+    other = Finding("cannot be there", "x1", "x1 is elsewhere")
+    assert not of_estimate(made(), [other]).consistent
+    beyond = Finding("cannot test", "insertion radius of tendon left", "…")
+    found = of_estimate(made(), [beyond])
+    assert found.consistent
+    assert found.text.endswith("cannot be felt: insertion radius of tendon left")
+    assert not found.text.startswith("consistent")
 
-    def test_priors_are_those_of_the_rig(self, rig: Rig, log: Log) -> None:
-        result = estimate(log, rig)
-        assert result.prior_means is not None
-        assert result.prior_stds is not None
-        at = result.state_names.index("common factor of tendons.stiffness")
-        assert (result.prior_means[at], result.prior_stds[at]) == pytest.approx((1.0, 0.1))
-        assert np.isnan(result.prior_stds[result.state_names.index("theta")])
-        assert np.isnan(result.prior_stds[result.state_names.index("friction_left")])
-        assert estimate(log, rig, "elastic").prior_means is None
 
-    def test_log_and_rig_come_together(self, rig: Rig, log: Log) -> None:
-        with pytest.raises(EstimationError, match="both the log and the rig"):
-            diagnose(estimate(log, rig), log)
+def test_the_line_stays_one_line() -> None:
+    many = [Finding("cannot test", f"insertion radius of tendon t{i}", "…") for i in range(20)]
+    text = of_estimate(made(), many).text
+    assert len(text) <= LONGEST_LINE
+    assert text.endswith("; …")
+    loud = [Finding("looks like", f"u{i}", 9 * f"u{i} looks like pounds, ") for i in range(20)]
+    text = of_estimate(made(), loud).text
+    assert len(text) <= LONGEST_LINE + len("; and 20 more (--findings)")
+    assert "more" in text
+
+
+def test_which_sensor_disagrees_and_from_when_on(rig: Rig, log: Log) -> None:
+    assert diagnose(estimate(log, rig)).consistent
+    drift = np.where(log.time > 6.0, 4.0 * np.minimum(log.time - 6.0, 1.0), 0.0)
+    text = diagnose(estimate(changed(log, u2=log.channels["u2"] + drift), rig)).text
+    assert text.startswith("sensor u2 disagrees from ")
+    assert 6.0 <= float(text.split("from ")[1].split(" s")[0]) <= 8.0
+    rng = np.random.default_rng(1)
+    noise = {name: log.channels[name] + rng.normal(0, 0.9, len(log)) for name in ("u1", "u2")}
+    noisy = changed(log, **noise)
+    assert "larger than normal" in diagnose(estimate(noisy, rig)).text
+    assert "not checked" in diagnose(estimate(log, rig, "elastic")).text
+
+
+def test_undeclared_friction_is_named() -> None:
+    plant = "slider friction 1 N"
+    text = diagnose(estimate(paper_log("servo", plant, 0), paper_rig(plant))).text
+    assert "friction that the rig does not have" in text
+    assert "'left'" in text
+
+
+def test_what_is_not_compared_is_said(rig: Rig, log: Log) -> None:
+    """A window of the stops that is far too small: forces count for nothing, and that is
+    said.
+    """
+    narrow = rig.with_values({f"drives.{i}.stops": [0.0, 0.002] for i in range(2)})
+    result = estimate(log, narrow)
+    assert np.mean(np.isfinite(result.innovations)) < 0.5
+    assert "could be compared" in diagnose(result).text
+    assert "could be compared" not in diagnose(estimate(log, rig)).text
+
+
+def test_an_angle_that_no_joint_has(rig: Rig, log: Log) -> None:
+    """A gear that was forgotten turns the joint round and round."""
+    result = estimate(log, rig)
+    means = result.means.copy()
+    for factor, kinds in ((250.0, []), (290.0, ["cannot be there"])):
+        means[:, 0] = np.deg2rad(factor) * np.linspace(-0.5, 0.5, len(means))
+        found = diagnose(replace(result, means=means))
+        assert [one.kind for one in found.findings if one.kind == "cannot be there"] == kinds
+    assert "covers 290°, which no joint does" in found.text
+
+
+def test_priors_are_those_of_the_rig(rig: Rig, log: Log) -> None:
+    result = estimate(log, rig)
+    priors = dict(zip(result.state_names, zip(result.prior_means, result.prior_stds)))
+    assert priors["common factor of tendons.stiffness"] == pytest.approx((1.0, 0.1))
+    assert np.isnan([priors[name][1] for name in ("theta", "friction_left")]).all()
+    assert estimate(log, rig, "elastic").prior_means is None
+
+
+def test_log_and_rig_come_together(rig: Rig, log: Log) -> None:
+    with pytest.raises(EstimationError, match="both the log and the rig"):
+        diagnose(estimate(log, rig), log)
 
 
 QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)])[
@@ -253,12 +227,15 @@ def test_since_when_a_channel_is_too_large(after: float) -> None:
 
 def test_a_channel_that_agrees_again_disagrees_since_no_time() -> None:
     """Large for a while, or from the start on, is no day on which a sensor broke."""
-    time, large = np.arange(1000) / 100.0, np.tile(3.0 * QUANTILES, 10)
-    assert np.isnan(_since(time, large, THRESHOLDS.large_ratio))
-    assert np.isnan(_since(time, np.where(time < 6, large, large / 3.0), THRESHOLDS.large_ratio))
-    missing = np.where(time < 4, large / 3.0, np.nan)
-    assert np.isnan(_since(time, missing, THRESHOLDS.large_ratio))
-    assert _since(time, np.where(time < 5, large / 3.0, large), THRESHOLDS.large_ratio) == 2 * SPAN
+    time, normal = np.arange(1000) / 100.0, np.tile(QUANTILES, 10)
+    large = 3.0 * normal
+    for values in (
+        large,
+        np.where(time < 6, large, normal),
+        np.where(time < 4, normal, np.nan),
+    ):
+        assert np.isnan(_since(time, values, THRESHOLDS.large_ratio))
+    assert _since(time, np.where(time < 5, normal, large), THRESHOLDS.large_ratio) == 2 * SPAN
 
 
 def test_a_ratio_is_judged_by_how_many_values_it_is_a_mean_of() -> None:
@@ -269,10 +246,9 @@ def test_a_ratio_is_judged_by_how_many_values_it_is_a_mean_of() -> None:
     values = rng.normal(size=(10000, 2))
     values *= np.sqrt(1.82 / np.mean(values[50:] ** 2, axis=0))
     time = np.arange(10000) / 100.0
-    long = statistics_of(("u1", "u2"), values, time, is_taught=False)
-    assert [one.kind for one in long.disagreeing()] == ["too large"]
-    short = statistics_of(("u1", "u2"), values[:100], time[:100], is_taught=False)
-    assert short.disagreeing() == []
+    for count, kinds in ((10000, ["too large"]), (100, [])):
+        found = statistics_of(("u1", "u2"), values[:count], time[:count], is_taught=False)
+        assert [one.kind for one in found.disagreeing()] == kinds
 
 
 def test_innovations_of_a_rig_that_logs_taught_say_nothing() -> None:
@@ -291,11 +267,9 @@ def test_the_correlation_of_neighbours() -> None:
     """Of x⁺ = ρ x + noise it is ρ; of values that say nothing, fewer than 20 or all the same, 0."""
     rng = np.random.default_rng(1)
     for rho in (-0.6, 0.0, 0.8):
-        values = [0.0]
-        for noise in rng.normal(size=20000):
-            values.append(rho * values[-1] + noise)
+        values = lfilter([1.0], [1.0, -rho], rng.normal(size=20000))
         # its standard error is (1 − ρ²)/√20000, at most 0.007
-        assert _neighbours(np.array(values)) == pytest.approx(rho, abs=0.03)
+        assert _neighbours(values) == pytest.approx(rho, abs=0.03)
     assert _neighbours(np.full(100, 2.0)) == 0.0
     assert _neighbours(np.tile([1.0, -1.0], 50)) == pytest.approx(-0.99, abs=0.011)
     for count, expected in ((19, 0.0), (20, 1.0)):

@@ -11,6 +11,7 @@ from distal import Log, Rig, load_rig
 from distal.arrays import Floats
 from distal.diagnosis.causes import Cause, causes_of, sizes
 from distal.estimators import AdaptiveFilter
+from tests.helpers import changed
 
 ARMS = np.array([[8e-3, 0.0], [-8e-3, 0.0], [7e-3, 6e-3], [-7e-3, -6e-3]])
 """Moment arms of finger-2n: tendons by joints [m]."""
@@ -49,23 +50,21 @@ def found(log: Log, rig: Rig) -> dict[tuple[str, str], float]:
     return {(cause.kind, cause.subject): xs[0] for cause, xs in sized.items() if xs}
 
 
-def changed(log: Log, name: str, values: Floats) -> Log:
-    return replace(log, channels={**log.channels, name: values})
-
-
-@pytest.mark.parametrize("factor", [1.5, 0.67, -1.0, 1000.0])
-def test_the_scale_of_a_position(finger: Rig, factor: float) -> None:
-    """The change that takes it off is 1/factor − 1, exactly, also that of a sign or a unit."""
+@pytest.mark.parametrize(
+    ("factor", "shift", "cause", "size"),
+    [
+        *((factor, 0.0, "scale", 1.0 / factor - 1.0) for factor in (1.5, 0.67, -1.0, 1000.0)),
+        (1.0, 2e-3, "zero", -2e-3),
+    ],
+)
+def test_the_scale_and_the_zero_of_a_position(
+    finger: Rig, factor: float, shift: float, cause: str, size: float
+) -> None:
+    """The change that takes it off, exactly, also that of a sign or a unit."""
     log = log_of()
-    wrong = changed(log, "x_mcp_f", factor * log.channels["x_mcp_f"])
-    assert found(wrong, finger)["scale", "x_mcp_f"] == pytest.approx(1.0 / factor - 1.0, abs=1e-6)
-    assert found(wrong, finger)["scale", "x_mcp_e"] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_zero_of_a_position(finger: Rig) -> None:
-    log = log_of()
-    wrong = changed(log, "x_pip_f", log.channels["x_pip_f"] + 2e-3)
-    assert found(wrong, finger)["zero", "x_pip_f"] == pytest.approx(-2e-3, rel=1e-6)
+    sized = found(changed(log, x_mcp_f=factor * log.channels["x_mcp_f"] + shift), finger)
+    assert sized[cause, "x_mcp_f"] == pytest.approx(size, abs=1e-6)
+    assert sized[cause, "x_mcp_e"] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("joint", "name"), [(0, "mcp"), (1, "pip")])
@@ -86,12 +85,11 @@ def test_a_stiffness(finger: Rig, factor: float) -> None:
 
 def test_a_stiffness_whose_force_hardly_varies_is_sized_without_a_shift(finger: Rig) -> None:
     """F = 3 N all the time: a shift beside it would take it up."""
-    log = log_of(stiffness=0.5 * STIFFNESS)
-    steady = changed(log, "F_mcp_f", np.full(len(TIME), 3.0))
+    steady = changed(log_of(), F_mcp_f=np.full(len(TIME), 3.0))
     placed = angles_at(TIME) @ ARMS[0] + 3.0 / (0.5 * STIFFNESS)
     estimator = AdaptiveFilter(finger, compiled=False)
     causes = [each for each in causes_of(estimator, 0.01) if each.kind == "stiffness"]
-    sized = sizes(estimator, changed(steady, "x_mcp_f", placed), angles_at(TIME), causes)
+    sized = sizes(estimator, changed(steady, x_mcp_f=placed), angles_at(TIME), causes)
     assert sized[causes[0]][-1] == pytest.approx(-0.5, abs=1e-6)
 
 
@@ -106,7 +104,7 @@ def test_friction_is_no_cause(finger: Rig) -> None:
     log = log_of()
     way = np.sign(np.gradient(log.channels["x_mcp_f"]))
     soft = log.channels["F_mcp_f"] / STIFFNESS
-    wrong = changed(log, "x_mcp_f", log.channels["x_mcp_f"] + 0.2 * way * soft)
+    wrong = changed(log, x_mcp_f=log.channels["x_mcp_f"] + 0.2 * way * soft)
     # turning takes TURNS_BACK of the range, in which friction is between its limits
     assert found(wrong, finger)["scale", "x_mcp_f"] == pytest.approx(0.0, abs=0.03)
 
@@ -114,13 +112,10 @@ def test_friction_is_no_cause(finger: Rig) -> None:
 def test_pre_tension_is_no_zero(finger: Rig) -> None:
     tense = finger.with_values({f"tendons.{k}.pretension": 5.0 for k in range(4)})
     log = log_of()
-    shifted = {
-        name: values - 5.0 / STIFFNESS * name.startswith("x_")
-        for name, values in log.channels.items()
-    }
-    right = found(replace(log, channels=shifted), tense)
-    assert right["zero", "x_mcp_f"] == pytest.approx(0.0, abs=1e-9)
-    assert found(log, tense)["zero", "x_mcp_f"] == pytest.approx(-5.0 / STIFFNESS, rel=1e-6)
+    shifted = {f"x_{name}": log.channels[f"x_{name}"] - 5.0 / STIFFNESS for name in DRIVES}
+    right = replace(log, channels={**log.channels, **shifted})
+    for read, size in ((right, 0.0), (log, -5.0 / STIFFNESS)):
+        assert found(read, tense)["zero", "x_mcp_f"] == pytest.approx(size, rel=1e-6, abs=1e-9)
 
 
 def test_a_joint_without_a_known_angle_leaves_the_drives_of_others(finger: Rig) -> None:
@@ -143,8 +138,13 @@ def test_units_and_signs_are_tried_whatever_the_size() -> None:
 def test_the_distance_of_a_change_is_in_stds_of_the_rig() -> None:
     """A factor counts in logarithms, a sign as three stds, a zero in its own std."""
     arm = Cause("arm", "a at b", paths=("p",), std=0.1)
-    assert arm.distance(0.21) == pytest.approx(2.0)
-    assert arm.distance(1.0 / 1.21 - 1.0) == pytest.approx(2.0)
-    assert arm.distance(-2.0) == pytest.approx(3.0)
-    assert Cause("zero", "x", ("x",), std=2e-3, unit="m").distance(-6e-3) == pytest.approx(3.0)
-    assert Cause("scale", "F", ("F",), tried=(999.0,), unit="N").distance(999.0) == 3.0
+    zero = Cause("zero", "x", ("x",), std=2e-3, unit="m")
+    force = Cause("scale", "F", ("F",), tried=(999.0,), unit="N")
+    for cause, x, distance in (
+        (arm, 0.21, 2.0),
+        (arm, 1.0 / 1.21 - 1.0, 2.0),
+        (arm, -2.0, 3.0),
+        (zero, -6e-3, 3.0),
+        (force, 999.0, 3.0),
+    ):
+        assert cause.distance(x) == pytest.approx(distance)

@@ -5,18 +5,15 @@ only.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from distal import Rig
-from distal.errors import RigError
 from distal.hands import Fault, calibrate
 from distal.hands.calibrate import doubts_of
 from distal.hands.hand import _without_zero
 from distal.hands.power_on_routine import Sweep
-from distal.rig import load_rig
 from distal.rig.hand_tables import Row, hand_of
 from tests.support.hands import calibrated, rig_of
 from tests.support.servo_hands import orca_like
@@ -27,17 +24,18 @@ RIGHT = {
     "spool_radius": 8e-3,
     "joint_radius": 8e-3,
     "zero": 2.0,
+    "range_std": np.deg2rad(0.5),
+    "ratio_std": 0.005,
 }
 
 
 def rig(counts: float | None = None, std: float = 0.5, **first: float) -> Rig:
     """Return a hand of two joints, of whose file the first line is changed."""
-    known = {"zero_std": np.deg2rad(std), "range_std": np.deg2rad(0.5), "ratio_std": 0.005}
+    known = {**RIGHT, "zero_std": np.deg2rad(std), "counts": counts}
     rows = [
-        Row(joint="a", motor="m1", **{**RIGHT, **known, **first}),
-        Row(joint="b", motor="m2", **{**RIGHT, **known, "zero": 3.5, "low": -0.3}),
+        Row(joint="a", motor="m1", **{**known, **first}),
+        Row(joint="b", motor="m2", **{**known, "zero": 3.5, "low": -0.3}),
     ]
-    rows = [row.model_copy(update={"counts": counts}) for row in rows]
     slack = {"tendons.*.slack": {"value": 0.0, "std": 5e-5}}
     return hand_of(rows, "hand", "table").rig.with_values(slack)
 
@@ -48,12 +46,17 @@ def sweeps(low: float, high: float, met: bool = True) -> tuple[Sweep, ...]:
     return tuple(Sweep(way, 0, 0.0, 0.001, ends[way], met or way == 1) for way in (1, -1, 1, -1, 1))
 
 
+FIRST = sweeps(2.0 + np.deg2rad(-25.0), 2.0 + np.deg2rad(100.0))
+SECOND = sweeps(3.5 - 0.3, 3.5 + np.deg2rad(100.0))
+"""What the motors of a hand do of which the file is right."""
+
+
 def found(
     of: Rig, low: float = -25.0, high: float = 100.0, zero: float = 2.0, met: bool = True
 ) -> tuple[Fault, ...]:
     """Return the doubts where the first motor meets its ends at some angles of its joint [deg]."""
     first = sweeps(zero + np.deg2rad(low), zero + np.deg2rad(high), met)
-    return doubts_of(of, {"m1": first, "m2": sweeps(3.5 - 0.3, 3.5 + np.deg2rad(100.0))})
+    return doubts_of(of, {"m1": first, "m2": SECOND})
 
 
 def test_a_right_file_is_not_accused() -> None:
@@ -97,18 +100,13 @@ def test_each_mistake_is_named_first_with_its_correction(
         assert corrects in doubt.values
         corrected = rig(**file).with_values(doubt.values)
         turn = corrected.sensors_of("position")[0].sign
-        ends = sorted(
-            turn * (2.0 + np.deg2rad(np.array([met.get("low", -25.0), met.get("high", 100.0)])))
-        )
-        again = {"m1": sweeps(*ends), "m2": sweeps(3.2, 3.5 + np.deg2rad(100.0))}
-        assert doubts_of(corrected, again) == ()
+        ends = np.deg2rad([met.get("low", -25.0), met.get("high", 100.0)])
+        low, high = sorted(turn * (2.0 + ends))
+        assert doubts_of(corrected, {"m1": sweeps(low, high), "m2": SECOND}) == ()
 
 
 def test_motors_that_are_exchanged_are_named_at_both() -> None:
-    met = {
-        "m1": sweeps(3.5 - 0.3, 3.5 + np.deg2rad(100.0)),
-        "m2": sweeps(2.0 + np.deg2rad(-25.0), 2.0 + np.deg2rad(100.0)),
-    }
+    met = {"m1": SECOND, "m2": FIRST}
     doubts = doubts_of(rig(), met)
     assert ["exchanged with m2" in doubts[0].sentence, "exchanged with m1" in doubts[1].sentence]
     assert doubts_of(rig().with_values(doubts[0].values), met) == ()
@@ -127,13 +125,8 @@ def test_what_the_file_does_not_know_is_not_wrong() -> None:
     assert found(rig(counts=4096.0), zero=2.0 + 2 * np.pi) == ()
 
 
-def test_ends_that_are_exchanged_are_refused_before_a_motor_moves() -> None:
-    with pytest.raises(RigError, match=r"joints\.a\.stops: is the wrong way round"):
-        rig().with_values({"joints.a.stops": ["100 deg", "-25 deg"]})
-
-
 @pytest.mark.slow
-def test_only_with_consent_is_a_file_changed(tmp_path: Path) -> None:
+def test_only_with_consent_is_a_file_changed() -> None:
     """The file of a calibrated hand, in which a motor then turns the other way."""
     known, hands = orca_like([3], ("index_mcp", "ring_abd"))
     ((first, log),) = calibrated(known, hands, rig_of(known), together=True)
@@ -146,8 +139,7 @@ def test_only_with_consent_is_a_file_changed(tmp_path: Path) -> None:
     read = replace(log, channels=log.channels | {name: -log.channels[name] for name in sensors})
     kept = calibrate(read, wrong)
     assert [fault.kind for fault in kept.faults] == ["file"]
-    assert "gets no goals; --accept" in kept.faults[0].sentence
-    assert [one.sign for one in kept.rig.sensors] == [one.sign for one in wrong.sensors]
+    assert kept.rig.sensors[0].sign == -1
     assert _without_zero(kept.rig) == ["m1"]  # so that Hand sends nothing
     mended = calibrate(read, wrong, accept=True)
     assert mended.faults == ()
@@ -156,5 +148,3 @@ def test_only_with_consent_is_a_file_changed(tmp_path: Path) -> None:
     assert mended.rig.sensors[0].bias.value == pytest.approx(-zero, abs=0.05)
     assert _without_zero(mended.rig) == []
     assert [joint.stops for joint in mended.rig.joints] == [joint.stops for joint in right.joints]
-    mended.save(tmp_path / "hand.toml")
-    assert load_rig(tmp_path / "hand.toml") == mended.rig

@@ -4,7 +4,7 @@ what it finds on plants of others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +19,7 @@ from distal.hands import calibrate
 from distal.hands.power_on_routine import Sweep, is_pair, needed, winds_to
 from distal.rig import Capstan, Number, independent_parts, number
 from distal.rig.hand_tables import Row, hand_of
-from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
+from tests.support.hands import log_of, motion, ratio, rig_of, routines_of
 from tests.support.servo_hands import aero_like, orca_like
 
 calibration = import_module("distal.hands.calibrate")  # the package has its function
@@ -39,33 +39,23 @@ def pair_rig() -> Rig:
 
 def finger() -> Rig:
     """Return a finger of two joints with springs on one tendon."""
-    rows = [
-        Row(
-            joint=name,
-            motor="m",
-            low=LOW,
-            high=HIGH,
-            spool_radius=SPOOL,
-            joint_radius=arm,
-            back="spring",
-        )
-        for name, arm in zip(("mcp", "pip"), ARMS)
-    ]
+    same = {"motor": "m", "low": LOW, "high": HIGH, "spool_radius": SPOOL, "back": "spring"}
+    rows = [Row(joint=name, joint_radius=arm, **same) for name, arm in zip(("mcp", "pip"), ARMS)]
     return hand_of(rows, "finger", "table").rig
 
 
+def at_ends(rig: Rig, motor: str, sweeps: tuple[Sweep, ...] = ()) -> Rig:
+    """Return the rig by what the ends of a motor's sweeps say of it."""
+    return rig.with_values(calibration._at_ends(rig, {motor: sweeps or SWEEPS}))
+
+
+def tense(rig: Rig, tension: float) -> Rig:
+    """Return the rig with tendons of a pre-tension that is not slack."""
+    slack, pretension = {"value": 0.0, "std": 0.0}, {"value": tension, "std": 1.0}
+    return rig.with_values({"tendons.*.slack": slack, "tendons.*.pretension": pretension})
+
+
 SWEEPS = (swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0))
-
-
-def test_the_zero_of_a_pair_puts_the_middle_of_its_travel_in_the_middle_of_the_range() -> None:
-    rig = pair_rig()
-    found = rig.with_values(calibration._at_ends(rig, {"m1": SWEEPS}))
-    motor, arm = found.drives[0], found.tendons[0].arms()["index_mcp"]
-    assert isinstance(motor, Capstan)
-    zero = found.sensors_of("position")[0].bias
-    assert (0.7 - zero.value) * motor.radius.value / arm == pytest.approx(
-        np.mean(rig.joints[0].travel), rel=1e-6
-    )
 
 
 @pytest.mark.parametrize("tension", [None, 3.0])
@@ -76,12 +66,9 @@ def test_radius_slack_and_zero_are_those_of_least_squares(
     rig = pair_rig()
     tendons = rig.tendons
     if tension is not None:
-        values = {"slack": {"value": 0.0, "std": 0.0}, "pretension": {"value": tension, "std": 1.0}}
-        rig = rig.with_values(
-            {f"tendons.{t.name}.{key}": value for t in tendons for key, value in values.items()}
-        )
+        rig = tense(rig, tension)
     sweeps = tuple(swept(s.way, s.contact * far) for s in SWEEPS)
-    found = rig.with_values(calibration._at_ends(rig, {"m1": sweeps}))
+    found = at_ends(rig, "m1", sweeps)
     drive = rig.drives[0]
     assert isinstance(drive, Capstan)
     ends = np.array(rig.joints[0].travel[::-1])
@@ -112,7 +99,7 @@ def test_radius_slack_and_zero_are_those_of_least_squares(
 def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() -> None:
     rig = finger()
     assert not is_pair(rig, "m")
-    found = rig.with_values(calibration._at_ends(rig, {"m": SWEEPS}))
+    found = at_ends(rig, "m")
     zero = found.sensors_of("position")[0].bias.value
     tendon = rig.tendons[0]
     stretch = 0.04 / SPOOL / tendon.stiffness.value
@@ -122,11 +109,8 @@ def test_the_zero_of_one_tendon_has_all_joints_at_their_stops_where_it_ends() ->
 
 def test_a_tension_becomes_slack_of_pairs_alone_and_loads_as_before() -> None:
     for rig, motor in ((pair_rig(), "m1"), (finger(), "m")):
-        tense = {"slack": {"value": 0.0, "std": 0.0}, "pretension": {"value": 3.0, "std": 1.0}}
-        rig = rig.with_values(
-            {f"tendons.{t.name}.{key}": value for t in rig.tendons for key, value in tense.items()}
-        )
-        found = rig.with_values(calibration._at_ends(rig, {motor: SWEEPS}))
+        rig = tense(rig, 3.0)
+        found = at_ends(rig, motor)
         for tendon in found.tendons:
             assert tendon.pretension.value == (0.0 if is_pair(rig, motor) else 3.0)
             assert (tendon.slack.value < 0.0) == is_pair(rig, motor)
@@ -144,36 +128,33 @@ def test_the_search_of_a_pair_begins_with_friction_and_ends_with_noise(
 ) -> None:
     names = ("drives.0.radius", "drives.0.friction.constant", "sensors.1.noise")
     parts = [(SimpleNamespace(paths=(name,), noise="noise" in name), None) for name in names]
-    fixed: list[list[bool]] = []
+    asked: list[list[bool]] = []
 
-    def search(problem: Any, start: Any, fixed_now: Any) -> Any:
-        fixed.append(fixed_now.tolist())
+    def search(problem: Any, start: Any, fixed: Any) -> Any:
+        asked.append(fixed.tolist())
         return SimpleNamespace(z=start + 1.0)
 
-    monkeypatch.setattr(calibration, "search", lambda p, z, fixed: search(p, z, fixed))
+    monkeypatch.setattr(calibration, "search", search)
     problem: Any = SimpleNamespace(size=3, parts=parts)
     assert calibration._likeliest(problem, pair_rig()).tolist() == [2.0, 2.0, 2.0]
-    assert fixed == [[True, False, True], [False, False, True]]
+    assert asked == [[True, False, True], [False, False, True]]
 
 
 def test_an_end_that_was_not_met_is_anywhere_beyond() -> None:
     rig = pair_rig()
-    for tendon, way in zip(rig.tendons, (1, -1)):
+    need = needed(rig, "m1")
+    for tendon, way, end in zip(rig.tendons, (1, -1), (2.0, -0.6)):
         sweeps = [replace(sweep, resisted=sweep.way != way) for sweep in SWEEPS]
         at, length, std = winds_to(rig, tendon, SWEEPS)
-        beyond = winds_to(rig, tendon, sweeps)
-        need = needed(rig, "m1")
-        assert at == (2.0 if way > 0 else -0.6)
-        assert beyond == pytest.approx(
-            (at + way * need / rig.drives[0].lever, length, np.hypot(std, need))
-        )
+        assert at == end
+        further = (at + way * need / rig.drives[0].lever, length, np.hypot(std, need))
+        assert winds_to(rig, tendon, sweeps) == pytest.approx(further)
 
 
 def test_a_pair_under_tension_is_said_in_newtons(capsys: pytest.CaptureFixture[str]) -> None:
     rig = pair_rig()
     stiffness = rig.tendons[0].stiffness.value
-    values = {f"tendons.{t.name}.slack": {"value": -2.5 / stiffness} for t in rig.tendons}
-    _show(rig.with_values(values), set())
+    _show(rig.with_values({"tendons.*.slack": {"value": -2.5 / stiffness}}), set())
     assert " 2.5 N " in capsys.readouterr().out
 
 
@@ -181,99 +162,68 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
     rig = pair_rig()
     low, high = rig.joints[0].travel
     for way, end in ((1, high), (-1, low)):
-        sweeps = {"m1": (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6, noise=0.004))}
-        prior = rig.with_values(calibration._at_ends(rig, sweeps))
+        sweeps = (swept(way, way * 1.0), *SWEEPS[1:], swept(-1, -0.6, noise=0.004))
+        prior = at_ends(rig, "m1", sweeps)
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
         # the torque's noise is fitted, from that of the sweeps
         assert prior.sensors_of("force")[0].noise == 0.004
 
 
-@dataclass
-class Valley:
-    """A problem with a minimum where the softer spring is at one joint, and a deeper one where the
-    bends of the torque are at the other joint.
-    """
-
-    rig: Rig
-    start: tuple[Number, Number]
-    tensions: tuple[float, float]
-
-    size: int = 2
-
-    @property
-    def parts(self) -> list[Any]:
-        return [
-            (
-                SimpleNamespace(
-                    paths=(number.path,),
-                    noise=False,
-                    value=lambda z, number=number: number.value * np.exp(z),
-                    coordinate=lambda value, number=number: np.log(value / number.value),
-                ),
-                None,
-            )
-            for number in self.start
-        ]
-
-    @property
-    def prior_stds(self) -> Any:
-        return np.array([0.5, 0.5])
-
-    @property
-    def ends(self) -> list[Any]:
-        """Both minima: the bends at 900 and 500 N, and the other way round."""
-        return [
-            np.log(np.array(bends) / self.tensions / [number.value for number in self.start])
-            for bends in ((900.0, 500.0), (500.0, 900.0))
-        ]
-
-    def costs(self, points: Any) -> Any:
-        away = [[np.sum((z - end) ** 2) for end in self.ends] for z in points]
-        return np.array([min(first, second - 0.01) for first, second in away])
-
-
 def test_bends_of_the_torque_are_tried_at_other_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two minima the one where the bends are at the other joints is deeper."""
     rig = finger()
     springs = [number(rig, f"joints.{i}.spring.stiffness") for i in (0, 1)]
     rest = rig.joints[0].spring
     assert rest is not None
-    tensions = tuple((HIGH - rest.rest_angle.value) / arm for arm in ARMS)
-    valley = Valley(rig, (springs[0], springs[1]), (tensions[0], tensions[1]))
-    ((one, other, share),) = calibration._exchanges(valley, rig)  # type: ignore[arg-type]
+    tensions = (HIGH - rest.rest_angle.value) / np.array(ARMS)
+    first, deeper = (
+        np.log(np.array(bends) / tensions / [spring.value for spring in springs])
+        for bends in ((900.0, 500.0), (500.0, 900.0))
+    )
+
+    def cost(z: Any) -> Any:
+        return min(np.sum((z - first) ** 2), np.sum((z - deeper) ** 2) - 0.01)
+
+    def part(spring: Number) -> tuple[Any, None]:
+        return SimpleNamespace(
+            paths=(spring.path,),
+            noise=False,
+            value=lambda z: spring.value * np.exp(z),
+            coordinate=lambda value: np.log(value / spring.value),
+        ), None
+
+    problem: Any = SimpleNamespace(
+        size=2,
+        prior_stds=np.array([0.5, 0.5]),
+        parts=[part(spring) for spring in springs],
+        costs=lambda points: np.array([cost(z) for z in points]),
+    )
+    ((one, other, share),) = calibration._exchanges(problem, rig)
     assert (one, other) == (0, 1)
     assert share == pytest.approx(tensions[1] / tensions[0])
 
-    def most_likely(problem: Valley, start: Any) -> Any:
-        nearest = min(problem.ends, key=lambda end: float(np.sum((start - end) ** 2)))
-        return problem, SimpleNamespace(z=nearest)
+    def most_likely(problem: Any, start: Any) -> Any:
+        ends = sorted((first, deeper), key=lambda end: float(np.sum((start - end) ** 2)))
+        return problem, SimpleNamespace(z=ends[0])
 
     monkeypatch.setattr(calibration, "most_likely", most_likely)
-    begin = calibration._likeliest(valley, rig)  # type: ignore[arg-type]
-    np.testing.assert_allclose(begin, valley.ends[1])
+    np.testing.assert_allclose(calibration._likeliest(problem, rig), deeper)
 
 
 @pytest.mark.more  # a calibration as a whole: test_power_on.py
-def test_a_finger_is_better_known_than_by_its_motors_travel(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_finger_is_better_known_than_by_its_motors_travel() -> None:
     known, hands = aero_like([3])
     rig = rig_of(known)
-    monkeypatch.setattr("tests.support.hands.calibrate", lambda log, rig: log)
-    ((_, log),) = calibrated(known, hands, rig)
+    (routine,) = routines_of(known, hands, rig)
+    log = routine.log()
     positions = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
-    low, high = (
-        positions.min(axis=0)[None] + 0.3,
-        positions.max(axis=0)[None],
-    )  # what is let out beyond is no travel
-    run = motion(known, hands, (low, high), 3)
-    plain = ratio(known, run["positions"][:, 0], (low[0], high[0]))
-    part = next(
-        part.rig
-        for part in independent_parts(rig)
-        if [drive.name for drive in part.rig.drives] == ["middle"]
-    )
-    joints = [known.joints.index(joint.name) for joint in part.joints]
+    # what is let out beyond is no travel
+    low, high = positions.min(axis=0) + 0.3, positions.max(axis=0)
+    run = motion(known, hands, (low[None], high[None]), 3)
+    plain = ratio(known, run["positions"][:, 0], (low, high))
+    part = next(part.rig for part in independent_parts(rig) if part.rig.drive_names == ["middle"])
+    joints = [known.joints.index(name) for name in part.joint_names]
     result = estimate(log_of(known, run, 0), calibrate(log, part).rig)
     truth = run["angles"][:, 0, joints]
     off = result.angles - truth

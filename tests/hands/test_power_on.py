@@ -5,19 +5,18 @@ faults.
 from __future__ import annotations
 
 from functools import lru_cache
-from math import nan
+from math import isnan, nan
 
 import numpy as np
 import pytest
 
-from distal import estimate
 from distal.errors import CommandError, FitError, LogError
-from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
+from distal.hands import Calibrated, Fault, Routine, RoutineOptions, calibrate
 from distal.hands.calibrate import faults_of, slack_of
 from distal.hands.power_on_routine import sweeps_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig, number
-from tests.support.hands import calibrated, log_of, motion, ratio, rig_of
+from tests.support.hands import Driven, calibrated, rig_of, routines_of
 from tests.support.servo_hands import Hands, Known, orca_like
 
 JOINTS = ("index_mcp", "ring_abd")
@@ -28,38 +27,20 @@ def hand(seed: int = 3) -> tuple[Known, Hands]:
     return orca_like([seed], JOINTS)
 
 
+def known_rig() -> Rig:
+    return rig_of(hand()[0])
+
+
 @lru_cache
-def moved_hands() -> tuple[Calibrated, Log, Hands]:
-    """Return a calibration, its log, and the hand as it stands afterwards; shared, since it takes
-    seconds.
-    """
-    known, hands = hand()
-    return *calibrated(known, hands, rig_of(known))[0], hands
-
-
 def routine_log() -> tuple[Calibrated, Log]:
-    """Return a calibration and its log."""
-    return moved_hands()[:2]
-
-
-def run(hands: Hands, routine: Routine, seconds: float = 60.0) -> None:
-    """Let a routine move a hand until it is done."""
-    signs = hands.d.signs
-    positions, torques, k = (hands.positions + hands.d.zeros * signs)[0], np.zeros(2), 0
-    while not routine.done and k < 100 * seconds:
-        sample = {f"m{i + 1}_position": positions[i] for i in range(2)} | {
-            f"m{i + 1}_current": torques[i] for i in range(2)
-        }
-        goals = routine.step(0.01 * k, sample)
-        read = hands.step(np.array([[goals["m1"], goals["m2"]]]) * signs)
-        positions, torques = (read["positions"] * signs)[0], 0.5 * (read["currents"] * signs)[0]
-        k += 1
+    """Return a calibration and its log; shared, since it takes seconds."""
+    known, hands = hand()
+    return calibrated(known, hands, rig_of(known))[0]
 
 
 def test_each_motor_meets_both_ends_and_only_one_moves_at_a_time() -> None:
     _, log = routine_log()
-    known, _ = hand()
-    rig = rig_of(known)
+    known, rig = hand()[0], known_rig()
     for motor in known.motors:
         sweeps = sweeps_of(log, rig, motor)
         assert [sweep.way for sweep in sweeps] == [1, -1, 1, -1, 1]
@@ -102,63 +83,38 @@ def test_numbers_are_those_of_the_plant_within_their_errors() -> None:
         assert abs(slack - max(pair, 0.0)) < 0.35e-3  # 2.5 degrees of play
 
 
-@pytest.mark.slow
-def test_angles_after_the_routine_beat_the_ratio_of_the_travel() -> None:
-    known, _ = hand()
-    found, log, hands = moved_hands()
-    ends = np.array(
-        [[[f(log.channels[f"{m}_position"]) for m in known.motors]] for f in (np.min, np.max)]
-    )
-    moves = motion(known, hands, ends, 1)
-    truth = moves["angles"][:, 0]
-    estimated = estimate(log_of(known, moves, 0), found.rig)
-    error = np.sqrt(np.mean((estimated.angles - truth) ** 2))
-    plain = np.sqrt(
-        np.mean((ratio(known, moves["positions"][:, 0], (ends[0, 0], ends[1, 0])) - truth) ** 2)
-    )
-    assert error < 0.6 * plain
-    assert np.mean(np.abs(estimated.angles - truth) < 1.96 * estimated.angle_stds) > 0.9
-    # the rig as it came is far off: it does not know where motors have their zero
-    before = estimate(log_of(known, moves, 0), rig_of(known))
-    assert np.sqrt(np.mean((before.angles - truth) ** 2)) > 2 * error
-
-
-def spoiled(kind: str) -> tuple[Rig, Log]:
-    """Return the log of a routine on a hand whose first motor has a fault."""
-    known, hands = hand(7)
-    if kind == "broken":
-        hands.broken[0, 2] = True
-    elif kind == "side":
-        hands.d.spools[0, 2, 0] *= -1
-    elif kind == "slipped":
-        hands.slips[0, 0] = 0.07
+def faults_after(known: Known, hands: Hands) -> list[tuple[Fault, ...]]:
+    """Return the faults of both motors of a hand by the log of its routine."""
     rig = rig_of(known)
-    routine = Routine(rig, RoutineOptions(order=[known.motors]))
-    run(hands, routine)
+    (routine,) = routines_of(known, hands, rig, together=True)
     assert routine.aborted == ""
-    return rig, routine.log()
+    log = routine.log()
+    return [faults_of(rig, motor, sweeps_of(log, rig, motor)) for motor in known.motors]
 
 
 @pytest.mark.parametrize(
-    ("kind", "says"),
-    [("broken", "m1_minus is broken"), ("side", "the wrong way round"), ("slipped", "spool slips")],
+    ("part", "at", "value", "says"),
+    [
+        ("broken", (0, 2), True, "m1_minus is broken"),
+        ("spools", (0, 2, 0), 7e-3, "the wrong way round"),
+        ("slips", (0, 0), 0.07, "spool slips"),
+    ],
 )
-def test_a_fault_is_found_at_its_motor_and_at_no_other(kind: str, says: str) -> None:
-    rig, log = spoiled(kind)
-    faults = faults_of(rig, "m1", sweeps_of(log, rig, "m1"))
-    assert len(faults) == 1
-    assert says in faults[0].sentence
-    assert "index_mcp" in faults[0].sentence
-    assert faults_of(rig, "m2", sweeps_of(log, rig, "m2")) == ()
+def test_a_fault_is_found_at_its_motor_and_at_no_other(
+    part: str, at: tuple[int, ...], value: float, says: str
+) -> None:
+    known, hands = hand(7)
+    (hands.d.spools if part == "spools" else getattr(hands, part))[at] = value
+    (fault,), others = faults_after(known, hands)
+    assert says in fault.sentence
+    assert "index_mcp" in fault.sentence
+    assert others == ()
 
 
 def test_a_joint_that_is_blocked_is_named() -> None:
     known, hands = hand(7)
     hands.d.low[0, 0], hands.d.high[0, 0] = -0.2, 0.2
-    rig = rig_of(known)
-    routine = Routine(rig, RoutineOptions(order=[known.motors]))
-    run(hands, routine)
-    (fault,) = faults_of(rig, "m1", sweeps_of(routine.log(), rig, "m1"))
+    (fault,), _ = faults_after(known, hands)
     assert fault.kind == "side"
     assert "% of its travel" in fault.sentence
 
@@ -169,52 +125,41 @@ def test_what_a_sound_hand_says_is_nothing() -> None:
     assert found.notes == ()
 
 
-def test_a_motor_that_says_nothing_ends_the_routine_where_it_is() -> None:
-    known, _ = hand()
-    routine = Routine(rig_of(known))
-    goals = routine.step(
-        0.0, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0}
-    )
-    for k in range(1, 60):
-        other = {"m2_position": 2.0, "m2_current": 0.0}
-        goals = routine.step(0.01 * k, {"m1_position": nan, **other})
-    assert routine.moving == ("m2",)  # its turn has come
-    assert routine.failed["m1"].startswith("nothing to go by for 0.5")
-    assert abs(goals["m1"] - 1.0) < 0.1
-    assert abs(goals["m2"] - 2.0) < 0.35
+def read(position: float, torque: float) -> dict[str, float]:
+    """Return a sample in which the second motor stands."""
+    first = {"m1_position": position, "m1_current": torque}
+    return first | {"m2_position": 2.0, "m2_current": 0.0}
 
 
-def test_a_torque_far_beyond_the_limit_ends_it() -> None:
-    known, _ = hand()
-    routine = Routine(rig_of(known))
-    for k in range(5):
-        routine.step(
-            0.01 * k, {"m1_position": 1.0, "m1_current": 0.9, "m2_position": 2.0, "m2_current": 0.0}
-        )
-    assert routine.failed == {"m1": "a torque of 0.90 N m; its limit is 0.15"}
-    assert routine.moving == ("m2",)
-
-
-@pytest.mark.parametrize(("torque", "why"), [(0.0, "stands still"), (nan, "nothing to go by")])
-def test_a_motor_that_does_not_move_ends_its_part_at_once(torque: float, why: str) -> None:
+@pytest.mark.parametrize(
+    ("position", "torque", "seconds", "why"),
+    [
+        (1.0, 0.0, 0.55, "stands still"),
+        (1.0, nan, 0.55, "nothing to go by"),
+        (nan, nan, 0.55, "nothing to go by for 0.5"),
+        (1.0, 0.9, 0.05, "a torque of 0.90 N m; its limit is 0.15"),
+    ],
+)
+def test_a_motor_that_does_not_move_ends_its_part_at_once(
+    position: float, torque: float, seconds: float, why: str
+) -> None:
     """0.29 s until the goal is as far ahead as it may be, and 0.2 s in which it stands."""
-    known, _ = hand()
-    routine = Routine(rig_of(known))
-    k = 0
+    routine, k = Routine(known_rig()), 0
+    goals = routine.step(0.0, read(1.0, torque))
     while not routine.failed:
-        still = {"m1_position": 1.0, "m1_current": torque}
-        goals = routine.step(0.01 * k, {**still, "m2_position": 2.0, "m2_current": 0.0})
         k += 1
-    assert 0.01 * k < 0.55
+        goals = routine.step(0.01 * k, read(position, torque))
+    assert 0.01 * k < seconds
     assert why in routine.failed["m1"]
-    assert goals["m1"] == 1.0
+    assert goals["m1"] == pytest.approx(1.0, abs=0.1 * isnan(position))
+    routine.step(0.01 * k + 0.01, read(position, torque))
+    assert routine.moving == ("m2",)  # its turn has come
 
 
 @pytest.mark.parametrize("wobble", [0.0, 0.02])
 def test_the_next_motor_moves_when_one_stands_or_never_does(wobble: float) -> None:
     """Motors follow their goals between stops at ±1 rad; after their sweeps they may tremble."""
-    known, _ = hand()
-    routine = Routine(rig_of(known), RoutineOptions(longest=5.0))
+    routine = Routine(known_rig(), RoutineOptions(longest=5.0))
     goals = {"m1": 0.0, "m2": 0.0}
     k = 0
     while not routine.done and k < 12_000:
@@ -232,29 +177,26 @@ def test_the_next_motor_moves_when_one_stands_or_never_does(wobble: float) -> No
     assert set(routine.failed) == ({"m1", "m2"} if wobble else set())
 
 
-@pytest.mark.parametrize("read", [0.0, nan])
-def test_without_a_current_no_motor_pushes_into_its_stop(read: float) -> None:
+@pytest.mark.parametrize("current", [0.0, nan])
+def test_without_a_current_no_motor_pushes_into_its_stop(current: float) -> None:
     """The plant says for how long."""
     known, hands = hand()
-    routine = Routine(rig_of(known))
-    signs = hands.d.signs
-    positions, torques = (hands.positions + hands.d.zeros * signs)[0], [np.zeros(2)]
+    routine, driven = Routine(rig_of(known)), Driven(hands)
+    (positions,), torques = hands.positions + hands.d.zeros * driven.signs, [np.zeros(2)]
     while not routine.done and len(torques) < 4000:
-        sample = {f"m{i + 1}_position": positions[i] for i in range(2)}
-        sample |= {f"m{i + 1}_current": read for i in range(2)}
+        sample = dict(zip(("m1_position", "m2_position"), positions))
+        sample |= {"m1_current": current, "m2_current": current}
         goals = routine.step(0.01 * len(torques), sample)
-        state = hands.step(np.array([[goals["m1"], goals["m2"]]]) * signs)
-        positions = (state["positions"] * signs)[0]
-        torques.append(0.5 * np.abs(state["currents"])[0])
+        (positions,), (torque,) = driven.read([[goals["m1"], goals["m2"]]])
+        torques.append(np.abs(torque))
     assert set(routine.failed) == {"m1", "m2"}
     pushed = 0.01 * np.count_nonzero(np.array(torques) > RoutineOptions.of_pair, axis=0)
     assert pushed.max() < 0.2
 
 
 def test_it_can_be_aborted_at_any_time() -> None:
-    known, _ = hand()
-    routine = Routine(rig_of(known))
-    routine.step(0.0, {"m1_position": 1.0, "m2_position": 2.0})
+    routine = Routine(known_rig())
+    routine.step(0.0, read(1.0, 0.0))
     routine.abort("the user said so")
     assert routine.done
     assert routine.aborted == "the user said so"
@@ -262,43 +204,34 @@ def test_it_can_be_aborted_at_any_time() -> None:
 
 
 def test_an_order_names_joints_or_motors_and_what_is_left_comes_after() -> None:
-    known, _ = hand()
-    assert Routine(rig_of(known), RoutineOptions(order=[["ring_abd"]])).moving == ("m2",)
-    assert Routine(rig_of(known), RoutineOptions(order=[["m1", "ring_abd"]])).moving == ("m1", "m2")
-    with pytest.raises(CommandError, match="'thumb' is no motor and no joint"):
-        Routine(rig_of(known), RoutineOptions(order=[["thumb"]]))
-    with pytest.raises(CommandError, match="limit of motor 'm1'"):
-        Routine(rig_of(known), RoutineOptions(limits={"m1": -1.0}))
+    for order, moving in (([["ring_abd"]], ("m2",)), ([["m1", "ring_abd"]], ("m1", "m2"))):
+        assert Routine(known_rig(), RoutineOptions(order=order)).moving == moving
 
 
-def test_a_log_without_sweeps_says_what_it_needs() -> None:
-    known, _ = hand()
-    rig, still = rig_of(known), np.zeros(200)
-    channels = {f"m{i}_{kind}": still for i in (1, 2) for kind in ("position", "current")}
-    with pytest.raises(LogError, match="motor 'm2' sweeps 0 times"):
-        calibrate(Log(0.01 * np.arange(200), channels, {}, "still"), rig)
-
-
-def test_a_log_of_free_motion_is_no_routine() -> None:
-    """Motors go to and fro, and nothing ever resists."""
-    known, _ = hand()
+@pytest.mark.parametrize(
+    ("swing", "says"),
+    [
+        (0.0, "motor 'm2' sweeps 0 times"),
+        (1.0, "no motor meets an end of its travel; is it the log of a"),
+    ],
+)
+def test_a_log_that_is_none_of_a_routine_says_what_it_needs(swing: float, says: str) -> None:
+    """Motors stand, or go to and fro and nothing ever resists."""
     time = np.arange(0.0, 20.0, 0.01)
-    rng = np.random.default_rng(1)
-    channels = {}
+    noise, channels = np.random.default_rng(1).normal(size=len(time)), {}
     for i in (1, 2):
-        swing = np.sin(2.0 * time + i)
-        channels[f"m{i}_position"] = swing
-        friction = 0.03 * np.sign(np.gradient(swing))
-        channels[f"m{i}_current"] = friction + 2e-3 * rng.normal(size=len(time))
-    with pytest.raises(LogError, match="no motor meets an end of its travel; is it the log of a"):
-        calibrate(Log(time, channels, {}, "free motion"), rig_of(known))
+        angle = swing * np.sin(2.0 * time + i)
+        channels[f"m{i}_position"] = angle
+        channels[f"m{i}_current"] = 0.03 * np.sign(np.gradient(angle)) + 2e-3 * noise
+    with pytest.raises(LogError, match=says):
+        calibrate(Log(time, channels), known_rig())
 
 
 @pytest.mark.parametrize("ratio", [0.75, 1.2])
 def test_a_travel_that_the_range_does_not_need_is_said(ratio: float) -> None:
     """The motor goes as it did, on a spool that is smaller or larger by the rig."""
     _, log = routine_log()
-    rig = rig_of(hand()[0])
+    rig = known_rig()
     radius = rig.drives[0].radius
     other = {"value": ratio * radius.value, "std": ratio * radius.std}
     wrong = rig.with_values({"drives.m1.radius": other})
@@ -317,7 +250,7 @@ def test_a_travel_that_the_range_does_not_need_is_said(ratio: float) -> None:
 
 def test_slack_that_was_found_is_said_where_the_travel_says_little() -> None:
     found, log = routine_log()
-    rig = rig_of(hand()[0])
+    rig = known_rig()
     sweeps = {name: sweeps_of(log, rig, name) for name in ("m1", "m2")}
     assert slack_of(found.rig, rig, sweeps) == ()
     (tendon, other) = (t for t in rig.tendons if t.drive == "m2")
@@ -341,6 +274,8 @@ def test_a_rig_of_sliders_is_refused() -> None:
     [
         ({"limits": 50.0}, "must be a torque up to 5 N m, 50.0 came; another unit?"),
         ({"limits": {"n1": 0.1}}, "limits: there is no motor 'n1'"),
+        ({"limits": {"m1": -1.0}}, "limit of motor 'm1'"),
+        ({"order": [["thumb"]]}, "'thumb' is no motor and no joint"),
         ({"limits": "x"}, "limits must be torques in N m, 'x' came"),
         ({"speed": -1.0}, r"speed \[rad/s\] must be from 0.05 to 20, -1.0 came"),
         ({"sweeps": 2}, "sweeps must be from 3 to 1000, 2 came"),
@@ -350,9 +285,8 @@ def test_a_rig_of_sliders_is_refused() -> None:
 def test_options_that_cannot_be_are_refused_before_anything_moves(
     change: dict[str, object], says: str
 ) -> None:
-    known, _ = hand()
     with pytest.raises(CommandError, match=says):
-        Routine(rig_of(known), RoutineOptions(**change))  # type: ignore[arg-type]
+        Routine(known_rig(), RoutineOptions(**change))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -377,4 +311,4 @@ def test_wrong_units_are_named_instead_of_broken_tendons(
         for name, values in log.channels.items()
     }
     with pytest.raises(FitError, match=says):
-        calibrate(Log(log.time, channels, {}, "degrees"), rig_of(hand()[0]))
+        calibrate(Log(log.time, channels), known_rig())

@@ -20,15 +20,18 @@ def test_of_a_capstan() -> None:
             "joints.jaw.stops": ["-30 deg", "40 deg"],
         }
     )
+    expected = {
+        "command.drives.0.limit": 0.3,
+        "command.drives.0.radius": 5e-3,
+        "command.drives.0.most_pull": 60.0,
+        "command.drives.0.soft": 0.25,
+        "command.drives.0.radius.std": 1e-4,
+        "command.lead": 1 / (2 * pi * 8.0) + 5e-3,
+        "command.joints.0.low": -30 * pi / 180,
+        "command.joints.0.high": 40 * pi / 180,
+    }
     found = command_inputs(rig)
-    assert found["command.drives.0.limit"] == pytest.approx(0.3)
-    assert found["command.drives.0.radius"] == pytest.approx(5e-3)
-    assert found["command.drives.0.most_pull"] == pytest.approx(60.0)
-    assert found["command.drives.0.soft"] == pytest.approx(0.25)
-    assert found["command.drives.0.radius.std"] == pytest.approx(1e-4)
-    assert found["command.lead"] == pytest.approx(1 / (2 * pi * 8.0) + 5e-3)
-    assert found["command.joints.0.low"] == pytest.approx(-30 * pi / 180)
-    assert found["command.joints.0.high"] == pytest.approx(40 * pi / 180)
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 
 def test_what_is_not_stated_limits_nothing() -> None:

@@ -1,13 +1,10 @@
-"""The inverse: least pulls against a linear programme, places against the model's balance, angles
-of MuJoCo's fingers.
-"""
+"""The inverse: least pulls against a linear programme, places against the model's balance."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import casadi as ca
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -15,28 +12,25 @@ from scipy.optimize import linprog
 from distal import Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Commands, Inverse
-from distal.inverse.feedforward import least_pulls
+from distal.inverse.feedforward import least_pulls, solved
 from distal.rig import number
 from distal.study.design_space import draws_of
 from tests.learned_maps import constant_map
-from tests.support import chain_plants
 
 TIME = np.arange(0.0, 8.0, 0.01)
-STIFF = {"slider": (3e5, 120.0), "motor": (60.0, 0.03)}
-"""Gains of servos that leave drives where they were sent to."""
 
 
 def finger(inverse: Inverse, middle: float = 0.35, size: float = 0.25) -> Commands:
     """Return commands for slow sines of all joints that move by themselves."""
-    names = inverse.joints
-    return inverse(
-        TIME, {name: middle + size * np.sin((1.5 + 0.3 * k) * TIME) for k, name in enumerate(names)}
-    )
+    rates = 1.5 + 0.3 * np.arange(len(inverse.joints))
+    return inverse(TIME, middle + size * np.sin(np.outer(TIME, rates)))
 
 
 @pytest.mark.parametrize("seed", range(30))
 def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
-    """Against SciPy's HiGHS, for n + 1 and 2 n tendons."""
+    """Against SciPy's HiGHS, for n + 1 and 2 n tendons, whatever the size of the arms: a
+    determinant is small without being zero.
+    """
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 4))
     m = n + 1 if seed % 2 else 2 * n
@@ -44,9 +38,10 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
     arms = rng.normal(size=(n, m)) * 1e-2
     arms -= np.outer(arms @ balance, balance) / (balance @ balance)
     torques, lowest = rng.normal(size=n) * 0.05, rng.uniform(0.5, 3.0, m)
-    symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
-    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m)])
-    pulls = np.array(function(arms, torques, lowest)).ravel()
+    size = 10.0 ** -(seed % 3)
+    pulls = np.array(
+        ca.evalf(least_pulls(*map(ca.SX, (size * arms, size * torques, lowest)), [True] * m))
+    ).ravel()
     known = linprog(
         np.ones(m), A_eq=arms, b_eq=torques, bounds=[(low, None) for low in lowest], method="highs"
     )
@@ -54,6 +49,12 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
     assert pulls.sum() == pytest.approx(known.fun, rel=1e-6)
     np.testing.assert_allclose(arms @ pulls, torques, atol=1e-12)
     assert np.all(pulls >= lowest - 1e-9)
+
+
+def test_soft_joints_are_solved_and_a_singular_matrix_gives_zero() -> None:
+    for matrix, expected in ((-1e-9 * np.eye(2), [-1e9, -2e9]), ([[1.0, 2.0], [2.0, 4.0]], [0, 0])):
+        found = ca.evalf(solved(ca.SX(ca.DM(matrix)), ca.SX([1.0, 2.0])))
+        assert np.array(found).ravel() == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +70,7 @@ def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
     inverse = Inverse(rig, least_tension="2 N", compiled=False)
     commands = finger(inverse)
     model, mechanism = inverse.model, inverse.model.mechanism
-    p, nj, nd = mechanism.parameters.values, mechanism.n_joints, mechanism.n_drives
+    p, nj = mechanism.parameters.values, mechanism.n_joints
     q = ca.SX.sym("q", mechanism.n_bodies)
     forces = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies)).forces
     pulled = ca.Function("pulled", [q, mechanism.parameters.symbols], [forces[:nj]])
@@ -78,24 +79,15 @@ def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
     moving = np.flatnonzero(np.all(np.abs(speeds) > 0.1, axis=1) & (TIME > 0.5))
     assert len(moving) > 50
     for k in moving[::20]:
-        at = np.concatenate([commands.angles[k], commands.positions[k]])
-        ways = np.sign(speeds[k])
+        angles, positions = commands.angles[k], commands.positions[k]
         needed, limits = model.needed(
-            commands.angles[k],
-            speeds[k],
-            accelerations[k],
-            commands.positions[k],
-            ways,
-            np.zeros(nj),
-            p,
+            angles, speeds[k], accelerations[k], positions, np.sign(speeds[k]), np.zeros(nj), p
         )
-        made = np.array(pulled(at, p)).ravel()
-        np.testing.assert_allclose(
-            made, np.array(needed).ravel(), atol=2e-3 * float(np.array(limits).max()) + 1e-7
-        )
+        made = np.array(pulled(np.concatenate([angles, positions]), p)).ravel()
+        size = float(np.array(limits).max())
+        np.testing.assert_allclose(made, np.array(needed).ravel(), atol=2e-3 * size + 1e-7)
     if all(model.one_sided):
         assert commands.tensions.min() >= 2.0 - 1e-6
-    assert nd == commands.positions.shape[1]
     assert commands.notes == ()
 
 
@@ -109,16 +101,6 @@ def test_the_least_tension_is_kept_by_tendons_that_are_softer_than_the_file_says
         commands = finger(Inverse(rig, least_tension="2 N", compiled=False))
         pulls = commands.tensions.min(axis=1)  # at the drives; sliders rub, tendons do not
         np.testing.assert_allclose(pulls[50:], 2.0 * most, rtol=1e-3)
-
-
-def test_a_drive_goes_no_further_than_its_range_and_it_is_said() -> None:
-    rig = load_rig("paper-2008")
-    inverse = Inverse(rig, least_tension="2 N", compiled=False)
-    commands = finger(inverse)
-    low, high = np.array([drive.stops for drive in rig.drives]).T
-    assert np.all((commands.positions >= low) & (commands.positions <= high))
-    assert any("left would have to go beyond its range" in note for note in commands.notes)
-    assert not finger(inverse, 0.0, 0.01).notes
 
 
 @pytest.mark.parametrize("desired", [30.0, 60.0, -60.0])
@@ -139,6 +121,9 @@ def test_a_joint_whose_drives_end_rests_where_friction_holds_it(desired: float) 
     assert 15.0 < reached[-1] < abs(desired)
     assert (np.diff(reached) > -0.5).all()
     assert "cannot do what is wanted" in " ".join(commands.notes)
+    assert "would have to go beyond its range" in " ".join(commands.notes)
+    low, high = np.array([drive.stops for drive in inverse.rig.drives]).T
+    assert np.all((commands.positions >= low) & (commands.positions <= high))
 
 
 def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
@@ -157,67 +142,20 @@ def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
     np.testing.assert_allclose(extra, 0.01**2, rtol=1e-3)
 
 
-def driven(name: str, seed: int, positions: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Return the true angles of a drawn plant in MuJoCo whose drives are where they were sent to,
-    at `TIME`.
-    """
-    plant = chain_plants.PLANTS[chain_plants.SHIPPED[name][0]]
-    truth = chain_plants.draw_truth(plant, np.random.default_rng([seed, 77]))
-    model = chain_plants.build_model(plant, truth.springs)
-    data, n = mujoco.MjData(model), len(plant.joints)
-    data.qpos[:n] = begin
-    fine = np.arange(round(TIME[-1] / chain_plants.STEP) + 1) * chain_plants.STEP
-    goals = np.column_stack([np.interp(fine, TIME, position) for position in positions.T])
-    sent = goals, np.zeros_like(goals), STIFF[plant.drives.kind]
-    states, _ = chain_plants.simulate(plant, truth, model, data, sent, np.zeros((len(fine), n)))
-    at = fine[:: chain_plants.EVERY]
-    return np.column_stack([np.interp(TIME, at, states[:, j]) for j in range(n)])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "finger-2n",
-        pytest.param("finger-n-plus-1", marks=pytest.mark.more),
-        pytest.param("wrist-instrument", marks=pytest.mark.more),
-    ],
-)
-def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
-    """A plant that shares no code, as drawn: 0.6 times the error of arms and a constant tension,
-    band included.
-    """
-    plant = chain_plants.PLANTS[chain_plants.SHIPPED[name][0]]
-    arms, winding = np.array(plant.arms), np.array(plant.drives.winding)
-    commands = finger(Inverse(name, least_tension=2.0), size=0.2)
-    balance = np.ones(len(arms)) - arms @ (np.linalg.pinv(arms) @ np.ones(len(arms)))
-    tension = 0.0 if any(plant.pretensions) else 4.0 * balance / balance.mean()
-    ratio = (commands.desired @ arms.T + tension / plant.stiffness) @ np.linalg.pinv(winding).T
-    own, other = (
-        driven(name, 1, positions, commands.desired[0]) for positions in (commands.positions, ratio)
-    )
-    errors = [float(np.sqrt(np.mean((angles - commands.desired) ** 2))) for angles in (own, other)]
-    assert errors[0] < 0.6 * errors[1]
-    assert np.mean(np.abs(own - commands.angles) < 1.96 * commands.stds) > 0.7
-
-
 def test_fewer_drives_than_joints_go_to_the_nearest_and_say_so() -> None:
     inverse = Inverse("finger-underactuated", compiled=False)
     commands = finger(inverse)
     assert any("follow their springs" in note for note in commands.notes)
     away = np.sqrt(np.mean((commands.angles - commands.desired) ** 2))
-    straight = np.sqrt(np.mean((commands.desired - commands.desired.mean()) ** 2))
-    assert away < straight
+    assert away < np.std(commands.desired)
 
 
 def test_what_cannot_be_reached_is_said() -> None:
     inverse = Inverse(load_rig("finger-2n"), compiled=False)
     beyond = finger(inverse, middle=1.5, size=0.5)
     assert any("beyond its stops" in note for note in beyond.notes)
-    limited = load_rig("finger-2n", ["drives.mcp_f.limit=0.5"])
-    assert any(
-        "its limit is 0.5 N" in note for note in finger(Inverse(limited, compiled=False)).notes
-    )
+    limited = finger(Inverse(load_rig("finger-2n", ["drives.mcp_f.limit=0.5"]), compiled=False))
+    assert any("its limit is 0.5 N" in note for note in limited.notes)
 
 
 def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
@@ -236,23 +174,16 @@ def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
     ("time", "angles", "word"),
     [
         (TIME, {"mcp": TIME}, "mcp, pip"),
-        (TIME, np.zeros((len(TIME), 3)), "2 angles"),
-        (TIME, np.full((len(TIME), 2), np.nan), "finite"),
-        (
-            TIME,
-            np.full((len(TIME), 2), 60.0),
-            "mcp is wanted at 60 rad at 0 s; .*no joint turns beyond 50",
-        ),
-        (TIME[::-1], np.zeros((len(TIME), 2)), "rise"),
-        ([0.0], np.zeros((1, 2)), "two stamps"),
+        (TIME, [[0.0] * 3] * len(TIME), "2 angles"),
+        (TIME, [[np.nan] * 2] * len(TIME), "finite"),
+        (TIME, [[60.0] * 2] * len(TIME), "mcp is wanted at 60 rad at 0 s; .* turns beyond 50"),
+        (TIME[::-1], [[0.0] * 2] * len(TIME), "rise"),
+        ([0.0], [[0.0] * 2], "two stamps"),
     ],
 )
 def test_wrong_wishes_are_refused(time: object, angles: object, word: str) -> None:
-    inverse = Inverse("finger-2n", compiled=False)
     with pytest.raises(CommandError, match=word):
-        inverse(time, angles)  # type: ignore[arg-type]
-    with pytest.raises(CommandError, match="least_tension"):
-        Inverse("finger-2n", least_tension=-1.0, compiled=False)
+        Inverse("finger-2n", compiled=False)(time, angles)  # type: ignore[arg-type]
 
 
 def test_friction_is_made_up_for_in_the_direction_of_motion() -> None:
@@ -287,18 +218,13 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
     slope = (positions(rig, 1e-3) - right) / 1e-3
     off = np.zeros(2)
     for draw in draws:
-        paths = [
-            path for path in draw.paths if not path.startswith("sensors") and ".initial" not in path
-        ]
+        paths = [p for p in draw.paths if not p.startswith("sensors") and ".initial" not in p]
         known = {path: number(rig, path).value for path in paths}
-        steps = {
-            path: share * draw.std * (value if draw.common else 1.0)
+        values = {
+            path: value + share * draw.std * (value if draw.common else 1.0)
             for path, value in known.items()
         }
-        values = {path: known[path] + step for path, step in steps.items()}
-        off += (
-            ((positions(rig.with_values(values)) - right) / slope / share) ** 2 if values else 0.0
-        )
+        off += ((positions(rig.with_values(values)) - right) / slope / share) ** 2
     limit, stiffness = 0.15 * 2e-3 * commands.tensions[0].sum(), 2 * 20e3 * 8e-3**2
     off[0] += (limit / stiffness) ** 2 / 3
     np.testing.assert_allclose(commands.stds[[0, 150], 0], np.sqrt(off), rtol=0.03)

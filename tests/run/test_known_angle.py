@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
@@ -20,9 +22,9 @@ def test_a_filter_that_homes_conditions_its_map_as_a_whole_move_does(std: float)
     """
     drawn = drawn_map()
     slips = Shape.of(drawn).features["slips"]
-    arrays = {name: array.copy() for name, array in drawn.arrays.by_name.items()}
-    arrays["mean"][:, slips] = 0.0
-    arrays["covariance"][:, slips, :] = arrays["covariance"][:, :, slips] = 0.0
+    arrays = deepcopy(drawn.arrays.by_name)
+    arrays["mean"][:, slips] = arrays["covariance"][:, slips] = 0.0
+    arrays["covariance"][:, :, slips] = 0.0
     arrays["covariance"][:, 0, 0] += 1.0  # so that no zero is a surprise
     drawn = drawn.model_copy(update={"arrays": MapArrays(**arrays)})
     rig = load_rig("capstan-joint").with_map(filter=[drawn])

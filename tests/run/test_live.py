@@ -18,35 +18,21 @@ from distal import (
     Log,
     Rig,
     load_rig,
-    load_scenario,
     make_estimator,
-    scenario_rig,
-    simulate,
 )
 from distal.errors import EstimationError
 from distal.run import samples_of
-
-
-@pytest.fixture(scope="module")
-def rig() -> Rig:
-    return scenario_rig(load_scenario("series-2"))
-
-
-@pytest.fixture(scope="module")
-def log(rig: Rig) -> Log:
-    return simulate(rig, load_scenario("series-2"), 5)
 
 
 def test_no_memory_is_taken(rig: Rig, log: Log) -> None:
     """Two thousand steps leave nothing behind, and hold no array on the way."""
     live = LiveEstimator(rig)
     samples, times = samples_of(log, live.channels), [float(t) for t in log.time]
-    for k in range(100):
-        live.step(times[k], samples[k])
-    gc.collect()
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    for k in range(100, 700):
+    for k in range(700):
+        if k == 100:
+            gc.collect()
+            tracemalloc.start()
+            before = tracemalloc.get_traced_memory()[0]
         live.step(times[k], samples[k])
     now, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -65,7 +51,7 @@ def test_the_first_step_builds_nothing(rig: Rig, log: Log, monkeypatch: pytest.M
 
     for name in ("Function", "SX", "MX"):
         monkeypatch.setattr(ca, name, build)
-    samples = np.column_stack([log.channels[channel] for channel in live.channels])
+    samples = samples_of(log, live.channels)
     assert live.samples == 0
     assert np.isnan(live.time)
     assert np.isnan(live.innovations).all()
@@ -91,11 +77,16 @@ def test_what_a_step_refuses(rig: Rig, log: Log) -> None:
         (0.01, np.full(4, np.inf), "is wild"),
     ):
         with pytest.raises(EstimationError, match=said):
-            live.step(time, sample)  # type: ignore[arg-type]
+            live.step(time, sample)
         np.testing.assert_array_equal(live._kernel_state, kept)
     for view in (live.mean, live.covariance, live.innovations):
         with pytest.raises(ValueError, match="read-only"):
             view[...] = 0.0
+
+
+def step(live: LiveEstimator, samples: np.ndarray, begin: int, end: int) -> list[np.ndarray]:
+    """Return the angles of samples, taken 100 times a second."""
+    return [np.array(live.step(0.01 * k, samples[k])) for k in range(begin, end)]
 
 
 @pytest.mark.parametrize(
@@ -108,29 +99,23 @@ def test_a_copy_goes_on_alone(name: str, again: Callable[[LiveEstimator], LiveEs
     """
     live = LiveEstimator(load_rig(name), compiled=False)
     samples = np.random.default_rng(4).normal(0.0, 1e-4, (30, len(live.channels)))
-    for k in range(10):
-        live.step(0.01 * k, samples[k])
+    step(live, samples, 0, 10)
     other = again(live)
     np.testing.assert_array_equal(other.covariance, live.covariance)
     stood = np.array(other.mean)
-    expected = [np.array(live.step(0.01 * k, samples[k])) for k in range(10, 20)]
+    expected = step(live, samples, 10, 20)
     np.testing.assert_array_equal(other.mean, stood)
-    np.testing.assert_array_equal(
-        [np.array(other.step(0.01 * k, samples[k])) for k in range(10, 20)], expected
-    )
+    np.testing.assert_array_equal(step(other, samples, 10, 20), expected)
     np.testing.assert_array_equal(other.innovations, live.innovations)
 
 
 def test_threads_with_a_clone_each_give_the_numbers_of_one() -> None:
     first = LiveEstimator(load_rig("pulley-antagonist"), compiled=False)
     samples = np.random.default_rng(4).normal(0.0, 1e-4, (50, len(first.channels)))
-
-    def run(live: LiveEstimator) -> list[float]:
-        return [float(np.asarray(live.step(0.01 * k, sample))) for k, sample in enumerate(samples)]
-
+    clones = [first.clone() for _ in range(4)]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(run, [first.clone() for _ in range(4)]))
-    assert found == [run(first)] * 4
+        found = list(pool.map(step, clones, [samples] * 4, [0] * 4, [50] * 4))
+    np.testing.assert_array_equal(found, [step(first, samples, 0, 50)] * 4)
 
 
 def test_a_reset_widens_the_angles_alone() -> None:

@@ -10,22 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal import (
-    Log,
-    Rig,
-    diagnose,
-    estimate,
-    load_rig,
-)
-from distal.errors import EstimationError
+from distal import Log, Rig, diagnose, estimate, load_rig
 from distal.logs import write_log
 from tests.support.cases import paper_log, paper_rig
-
-
-def test_what_is_no_estimator_is_refused() -> None:
-    log, rig = paper_log("servo", "as the rig", 0), paper_rig("as the rig")
-    with pytest.raises(EstimationError, match="an estimator is a name or one from make_estimator"):
-        estimate(log, rig, object())  # type: ignore[arg-type]
 
 
 def long_log(rows: int) -> tuple[Log, Rig]:
@@ -46,10 +33,8 @@ def test_without_covariances_an_estimate_is_the_same_and_takes_little_memory() -
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert lean.covariances is None
-    np.testing.assert_array_equal(lean.means, whole.means)
-    np.testing.assert_array_equal(lean.variances, whole.variances)
-    np.testing.assert_array_equal(lean.innovations, whole.innovations)
-    np.testing.assert_array_equal(lean.innovation_variances, whole.innovation_variances)
+    for part in ("means", "variances", "innovations", "innovation_variances"):
+        np.testing.assert_array_equal(getattr(lean, part), getattr(whole, part))
     assert peak < 100e6
 
 
@@ -72,8 +57,8 @@ def test_of_all_states_the_ends_are_enough_for_words_and_diagnosis() -> None:
     np.testing.assert_array_equal(ends.means, whole.means[[0, -1]])
     np.testing.assert_array_equal(ends.variances, whole.variances[[0, -1]])
     assert lean.in_words() == whole.in_words()
-    assert diagnose(lean, log, rig).findings == diagnose(whole, log, rig).findings
-    assert diagnose(lean, log, rig).text == diagnose(whole, log, rig).text
+    said, expected = (diagnose(result, log, rig) for result in (lean, whole))
+    assert (said.findings, said.text) == (expected.findings, expected.text)
 
 
 OF_A_COMMAND = """
@@ -92,9 +77,7 @@ def test_a_row_more_costs_the_command_little(tmp_path: Path) -> None:
     """Ten million rows within two gigabytes, with a truth and all estimators beside it."""
     peaks = []
     for rows in (20_000, 100_000):
-        log, _ = long_log(rows)
-        rig = load_rig("paper-2008-printed")
-        write_log(log, rig, tmp_path / "log.csv")
+        write_log(long_log(rows)[0], load_rig("paper-2008-printed"), tmp_path / "log.csv")
         words = ["estimate", "log.csv", "--rig", "paper-2008-printed", "--out", "out.csv"]
         done = subprocess.run(
             [sys.executable, "-c", OF_A_COMMAND, *words],

@@ -4,6 +4,7 @@ log has been it is said."""
 from __future__ import annotations
 
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from distal.regression import (
     whitening,
 )
 from distal.regression.features import Shape
-from distal.run import JointContact
+from distal.run import JointContact, samples_of
 from distal.run.health import Health, Watch
 from distal.run.redundancy import (
     AVERAGED,
@@ -39,6 +40,7 @@ from distal.run.redundancy import (
     _kernel,
     unlike_free_motion,
 )
+from tests.helpers import changed
 from tests.support.foreign_plants import finger_log, finger_rig
 from tests.support.hands_plants import ropes_log, ropes_rig
 
@@ -51,87 +53,46 @@ def rig() -> Rig:
     return bare.with_map(efforts=efforts_of(LOGS, bare, range(4)))
 
 
-def changed(log: Log, **columns: np.ndarray) -> Log:
-    return replace(log, channels={**log.channels, **columns})
-
-
-def positions_of(rig: Rig) -> list[str]:
-    return [sensor.name for sensor in rig.sensors_of("position")]
-
-
-def forces_of(rig: Rig) -> list[str]:
-    return [sensor.name for sensor in rig.sensors_of("force")]
-
-
-def share(words: tuple[str, ...], *named: str) -> float:
+def share(words: Sequence[str], *named: str) -> float:
     return float(np.mean([word in named for word in words]))
 
 
-@pytest.mark.parametrize(
-    "seed", [11, *(pytest.param(seed, marks=pytest.mark.more) for seed in (12, 13))]
-)
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.more)])
 def test_in_a_good_log_nothing_is_touched(rig: Rig, seed: int) -> None:
     """The rest is as without maps: the filter of this rig, which lacks the sheath, disagrees."""
     log = finger_log(seed, 20.0)
     words = log_health(log, rig)
     assert share(words, "touched") < 0.003
-    before = log_health(log, rig.bare())
-    assert all(
-        word in (old, "outside") for word, old in zip(words, before, strict=True) if old == "ok"
-    )
+    good = [word for word, old in zip(words, log_health(log, rig.bare())) if old == "ok"]
+    assert {*good} <= {"ok", "outside"}
 
 
 def test_a_log_that_begins_and_stays_at_rest_is_not_touched(rig: Rig) -> None:
     """Nobody knows from which side a drive came there."""
-    for seed in (11, 12, 13):
-        log = finger_log(seed, 20.0)
+    for log in LOGS[:3]:
         for row in (300, 900, 1500):
             held = {name: np.full(1500, column[row]) for name, column in log.channels.items()}
-            noise = np.random.default_rng(row).normal(0.0, 2e-3, 1500)
-            held |= {name: held[name] + noise for name in forces_of(rig)}
+            held["motor_torque"] += np.random.default_rng(row).normal(0.0, 2e-3, 1500)
             rest = replace(log, time=log.time[:1500], channels=held, truth={})
-            assert share(log_health(rest, rig), "touched", "dead") == 0.0, (seed, row)
+            assert share(log_health(rest, rig), "touched", "dead") == 0.0, row
 
 
 def test_of_what_logs_taught_the_end_of_a_range_is_no_news(rig: Rig) -> None:
     """They say where a position may be; without them a motor beyond its range has slipped."""
     with_stops = rig.with_values({"joints.finger.stops": ["-5 deg", "100 deg"]})
-    taught, bare = (
-        Watch.of(LiveEstimator(described).estimator)
-        for described in (with_stops, with_stops.bare())
-    )
-    assert taught.ends == ()
-    assert len(bare.ends) == 1
+    for described, count in ((with_stops, 0), (with_stops.bare(), 1)):
+        assert len(Watch.of(LiveEstimator(described).estimator).ends) == count
 
 
 def test_of_what_logs_taught_a_repetition_is_no_fault(rig: Rig) -> None:
     """A motor at rest may repeat its position, although the rig says that it has noise."""
-    at = [i for i, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
-    noisy = rig.with_values({f"sensors.{i}.noise": 1e-2 for i in at})
+    noisy = rig.with_values({"sensors.motor_angle.noise": 1e-2})
     log = finger_log(11, 20.0)
-    held = {name: np.full(300, log.channels[name][900]) for name in positions_of(rig)}
-    held |= {name: log.channels[name][:300] for name in forces_of(rig)}
+    held = {name: values[:300] for name, values in log.channels.items()}
+    held["motor_angle"] = np.full(300, log.channels["motor_angle"][900])
     rest = replace(log, time=log.time[:300], channels=held, truth={})
     assert "dead" not in log_health(rest, noisy)
     assert log_health(rest, noisy.bare())[-1] == "dead"
-
-
-def test_wrong_readings_are_not(rig: Rig) -> None:
-    """The filter explains much of these away by friction or by a touch; positions do not."""
-    log = finger_log(11, 20.0)
-    name = positions_of(rig)[0]
-    values = log.channels[name]
-    half = len(values) // 2
-    stuck = np.where(np.arange(len(values)) < half, values, values[half])
-    wrong = {
-        "stuck": changed(log, **{name: stuck}),
-        "sign": changed(log, **{name: 2 * values[0] - values}),
-        "unit": changed(log, **{force: log.channels[force] / 1000 for force in forces_of(rig)}),
-    }
-    for kind, spoilt in wrong.items():
-        words = log_health(spoilt, rig)
-        late = words[-len(words) // 4 :]
-        assert share(late, "touched", "outside", "disagrees", "dead") > 0.8, kind
 
 
 def test_of_what_logs_taught_a_touch_is_what_its_forces_say(rig: Rig) -> None:
@@ -139,12 +100,10 @@ def test_of_what_logs_taught_a_touch_is_what_its_forces_say(rig: Rig) -> None:
     for described, is_said in ((rig, 0.0), (rig.bare(), 1.0)):
         watch = Watch.of(LiveEstimator(described).estimator)
         sample = np.zeros(watch.sample.size)
-        values = [
-            finger_log(11, 20.0).channels[name][0] for name in ("motor_angle", "motor_torque")
-        ]
-        for name, value in (("first", 1.0), ("values", values), ("mask", 1.0), ("variances", 1.0)):
-            sample[watch.sample[name]] = value
-        sample[watch.sample["touched"]] = 1.0
+        values = [column[0] for column in LOGS[0].channels.values()]
+        for name in ("first", "mask", "variances", "touched"):
+            sample[watch.sample[name]] = 1.0
+        sample[watch.sample["values"]] = values
         _, findings = watch.function()(watch.begun(), sample)
         assert float(findings[watch.findings["touched"]]) == is_said
 
@@ -170,12 +129,9 @@ def test_where_no_log_has_been_it_is_said(rig: Rig) -> None:
     span = learned.high[0] - learned.low[0]
     assert (low, high) == pytest.approx((learned.low[0] - 0.1 * span, learned.high[0] + 0.1 * span))
     live = Monitor(LiveEstimator(rig))
-    sample = np.array([log.channels[channel][0] for channel in live.channels])
-    at = live.channels.index(name)
-    inside = sample.copy()
-    inside[at] = high - 1e-3 * span
-    beyond = sample.copy()
-    beyond[at] = high + 1e-3 * span
+    inside, beyond = samples_of(log, live.channels)[[0, 0]]
+    inside[live.channels.index(name)] = high - 1e-3 * span
+    beyond[live.channels.index(name)] = high + 1e-3 * span
     assert "outside" not in live.take(0.0, inside).health
     reading = live.take(0.01, beyond)
     assert (reading.health, reading.detail) == ("outside", f"{name} is where no log has been")
@@ -204,11 +160,8 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     """
     log = LOGS[0]
     [learned] = rig.map.efforts  # type: ignore[union-attr]
-    live = LiveEstimator(rig)
-    monitor = Monitor(live)
-    watch = Watch.of(live.estimator)
-    samples = np.column_stack([log.channels[name] for name in monitor.channels])
-    count = 1000
+    monitor, count = Monitor(LiveEstimator(rig)), 1000
+    watch, samples = Watch.of(monitor._live.estimator), samples_of(log, monitor.channels)
     for time, sample in zip(log.time[:count], samples):
         monitor.take(float(time), sample)
     [part] = watch.redundancy._parts
@@ -285,12 +238,11 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
             kept = [k, *kept[:-1]]
         share = min((log.time[k] - log.time[kept[0]]) * KEPT / LATE, 1.0)
         behind[k] = (1.0 - share) * values[kept[-1]] + share * values[kept[-2]]
-    supposed = [values.copy(), behind.copy(), behind.copy(), values.copy(), values.copy()]
-    supposed[0][:, [first, second]] = values[:, [second, first]]
-    supposed[1][:, first] = values[:, first]
-    supposed[2][:, second] = values[:, second]
-    supposed[3][:, first] *= -1.0
-    supposed[4][:, second] *= -1.0
+    exchanged, columns = values.copy(), np.arange(values.shape[1])
+    exchanged[:, [first, second]] = values[:, [second, first]]
+    alone = [np.where(columns == at, values, behind) for at in (first, second)]
+    turned = [np.where(columns == at, -values, values) for at in (first, second)]
+    supposed = [exchanged, *alone, *turned]
     n = len(supposed)
     scale = part.learned.arrays["scale"]
     ways = np.max(np.abs(values - behind)[:, part.read[:2]] / scale, axis=1)
@@ -324,24 +276,6 @@ def test_the_evidence_is_that_of_each_hypothesis_alone(ropes: Rig) -> None:
     assert redundancy.supposed(states[-1])[0] == "flexor_angle looks late"
 
 
-def test_a_late_position_and_exchanged_ones_are_felt(ropes: Rig) -> None:
-    """Where they go wrong in the middle; from the beginning they are named, see below."""
-    log, begins = ropes_log(12, 30.0), 1500
-    first, second = (log.channels[name] for name in ("flexor_angle", "extensor_angle"))
-    wrong = {
-        "late": {"flexor_angle": late(log, "flexor_angle", 0.15)},
-        "exchanged": {"flexor_angle": second, "extensor_angle": first},
-    }
-    assert "touched" not in log_health(log, ropes)
-    is_wrong = np.arange(len(log.time)) >= begins
-    for kind, columns in wrong.items():
-        spoilt = changed(
-            log, **{n: np.where(is_wrong, c, log.channels[n]) for n, c in columns.items()}
-        )
-        words = log_health(spoilt, ropes)[begins:]
-        assert share(words[len(words) // 3 :], "touched", "outside") > 0.9, kind
-
-
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
@@ -365,18 +299,13 @@ def test_a_stream_names_what_is_wrong(ropes: Rig, kind: str, said: str) -> None:
     }
     spoilt = changed(log, **columns[kind])
     monitor = Monitor(LiveEstimator(ropes))
-    details, words = list[str](), list[str]()
-    for k, time in enumerate(spoilt.time.tolist()):
-        sample = np.array([spoilt.channels[name][k] for name in monitor.channels])
-        reading = monitor.take(time, sample)
-        details.append(reading.detail)
-        words.append(reading.health)
-    named = [said in detail for detail in details]
-    begun = half if kind in ("jump", "stuck") else 0
-    first_named = named.index(True)
-    assert log.time[first_named] - log.time[begun] < 3.0
-    assert np.mean(named[first_named:]) > 0.5
-    assert share(tuple(words[first_named:]), "touched", "outside") > 0.9
+    samples = samples_of(spoilt, monitor.channels)
+    readings = [monitor.take(time, row) for time, row in zip(log.time.tolist(), samples)]
+    named = [said in reading.detail for reading in readings]
+    at, begun = named.index(True), half if kind in ("jump", "stuck") else 0
+    assert log.time[at] - log.time[begun] < 3.0
+    assert np.mean(named[at:]) > 0.5
+    assert share([one.health for one in readings[at:]], "touched", "outside") > 0.9
 
 
 def test_forces_are_tested_together() -> None:
@@ -386,19 +315,13 @@ def test_forces_are_tested_together() -> None:
     squares = np.mean((whitening(correlation) @ errors.T) ** 2, axis=0)
     expected = [e @ np.linalg.inv(correlation) @ e / 2 for e in errors]
     np.testing.assert_allclose(squares, expected, rtol=1e-6)
-    assert squares[1] > 10 * squares[0]
 
 
 def test_it_is_kept_by_the_file_and_by_copies(rig: Rig, tmp_path: Path) -> None:
-    log = finger_log(11, 4.0)
     write_fitted(tmp_path / "finger.toml", rig, rig.bare(), {}, "", None)
-    again = load_rig(tmp_path / "finger.toml")
-    assert again.map == rig.map
-    name = positions_of(rig)[0]
-    spoilt = changed(log, **{name: -log.channels[name]})
-    assert log_health(spoilt, again) == log_health(spoilt, rig)
-    monitor = Monitor(LiveEstimator(rig))
-    samples = np.column_stack([spoilt.channels[channel] for channel in monitor.channels])
+    assert load_rig(tmp_path / "finger.toml").map == rig.map
+    monitor, log = Monitor(LiveEstimator(rig)), finger_log(11, 4.0)
+    samples = samples_of(changed(log, motor_angle=-log.channels["motor_angle"]), monitor.channels)
     half = len(samples) // 2
     for time, sample in zip(log.time[:half], samples):
         monitor.take(float(time), sample)
@@ -417,15 +340,16 @@ def test_a_sensor_that_the_rig_lacks_is_refused(rig: Rig) -> None:
 def test_a_diagnosis_names_forces_that_are_not_free(rig: Rig) -> None:
     log = finger_log(11, 20.0)
     assert unlike_free_motion(log, rig) == {}
-    name = positions_of(rig)[0]
-    turned = changed(log, **{name: 2 * log.channels[name][0] - log.channels[name]})
-    [force] = forces_of(rig)
+    angles = log.channels["motor_angle"]
+    turned = changed(log, motor_angle=2 * angles[0] - angles)
     shares = unlike_free_motion(turned, rig)
-    assert list(shares) == [force]
-    assert shares[force] > 0.3
+    assert list(shares) == ["motor_torque"]
+    assert shares["motor_torque"] > 0.3
     said = diagnose(estimate(turned, rig), turned, rig, what_if=False)
     assert not said.consistent
-    assert any(finding.kind == "not free" and force in finding.text for finding in said.findings)
+    assert any(
+        finding.kind == "not free" and "motor_torque" in finding.text for finding in said.findings
+    )
 
 
 def test_single_wrong_positions_are_no_touch(ropes: Rig) -> None:
@@ -446,11 +370,3 @@ def test_single_wrong_positions_are_no_touch(ropes: Rig) -> None:
     )
     assert spoiled < 1.1 * right
     assert believed > 2.0 * right
-
-
-def test_of_an_untaught_rig_nothing_is_compared() -> None:
-    log = finger_log(11, 20.0)
-    redundancy = Redundancy.of(finger_rig().bare(), list(log.channels))
-    values = np.column_stack(list(log.channels.values()))
-    for part in redundancy.along(log.time, values, np.isfinite(values)):
-        assert part.shape == (len(values), 0)

@@ -60,12 +60,8 @@ class Driven:
         return read["positions"] * self.signs, TORQUE_CONSTANT * read["currents"] * self.signs
 
 
-def calibrated(
-    known: Known, hands: Hands, rig: Rig, together: bool = False
-) -> list[tuple[Calibrated, Log]]:
-    """Run the routine on all hands side by side, one motor after the other or all `together`, and
-    calibrate each.
-    """
+def routines_of(known: Known, hands: Hands, rig: Rig, together: bool = False) -> list[Routine]:
+    """Run the routine on all hands side by side, one motor after the other or all `together`."""
     driven, count = Driven(hands), len(hands.angles)
     routines = [
         Routine(rig, RoutineOptions(order=[known.motors] if together else None))
@@ -87,6 +83,14 @@ def calibrated(
         if routine.aborted:
             print("aborted:", routine.aborted)
     print(f"routine: {k * PERIOD:.0f} s")
+    return routines
+
+
+def calibrated(
+    known: Known, hands: Hands, rig: Rig, together: bool = False
+) -> list[tuple[Calibrated, Log]]:
+    """Calibrate all hands by their routines, see `routines_of`."""
+    routines = routines_of(known, hands, rig, together)
     return [(calibrate(routine.log(), rig), routine.log()) for routine in routines]
 
 
