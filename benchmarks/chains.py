@@ -20,8 +20,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from tests.support.chain_plants import SHIPPED, make_log
+from tests.support.chain_plants import SHIPPED
 
+from benchmarks.chain_logs import make_log
 from benchmarks.limits import scan_time
 from benchmarks.report import table
 from benchmarks.shell import Found, estimate

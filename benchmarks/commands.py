@@ -29,8 +29,9 @@ from tests.support.commands import (
     live_law,
     run,
 )
-from tests.support.servo_plants import PERIOD, PLANTS
+from tests.support.servo_plants import PERIOD
 
+from benchmarks.commanded_plants import PLANTS
 from benchmarks.report import table
 from benchmarks.shell import written
 from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_rig

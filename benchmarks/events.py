@@ -13,8 +13,9 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from tests.support.chain_plants import EVERY, SHIPPED, STEP, make_log
+from tests.support.chain_plants import EVERY, SHIPPED, STEP
 
+from benchmarks.chain_logs import make_log
 from benchmarks.report import table
 from distal import Log, estimate, load_rig
 from distal.confidence import BAND

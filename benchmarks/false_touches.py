@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.support.chain_plants import make_log
 
+from benchmarks.chain_logs import make_log
 from benchmarks.report import table
 from benchmarks.strangers.coupled_finger import finger_log, postures
 from benchmarks.touch import CASES, DURATION, fitted, onsets

@@ -1,6 +1,6 @@
 """Rigs of which only positions are measured: `python -m benchmarks.positions_only [--rigs 30]
 [--first-seed 9400]` draws rigs of one to three joints with one or two motors each
-(`tests.support.positions_only`), learns each by `distal learn` from four logs of 15 s, and
+(`benchmarks.drawn_positions`), learns each by `distal learn` from four logs of 15 s, and
 estimates two others by `distal estimate`. The error is beside that of the better of two ways by
 hand, each with its best half-width of play: an affine map, and one with plays of the motors. Errors
 count after the first second.
@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.support.positions_only import Positions, write
 
+from benchmarks.drawn_positions import Positions, write
 from benchmarks.report import table
 from benchmarks.shell import command
 

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.support.chain_plants import make_log
 
+from benchmarks.chain_logs import make_log
 from benchmarks.report import table
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log

@@ -15,6 +15,7 @@ from distal import Log
 from distal.estimators.adaptive import FilterContext
 from distal.rig import Rig, Sensor
 from distal.sensor_errors import SensorErrors
+from distal.simulation import Scenario, build_scenario
 
 Floats = NDArray[np.float64]
 
@@ -151,3 +152,10 @@ def measure(
     [SI]; see `SensorErrors`.
     """
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
+
+
+def turned_capstan(duration: float, **more: object) -> Scenario:
+    """Return what turns the motor of the shipped capstan to and fro, for some seconds."""
+    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.2}
+    drives = {"motor": {"servo": servo}}
+    return build_scenario({"rig": "capstan-joint", "duration": duration, "drives": drives, **more})

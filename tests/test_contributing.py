@@ -8,11 +8,10 @@ import re
 from pathlib import Path
 
 import numpy as np
-from tools.coverage import by_package
 from tools.files import sentences
 
 from distal import estimate, load_rig, simulate
-from distal.simulation import build_scenario
+from tests.helpers import turned_capstan
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "CONTRIBUTING.md"
@@ -32,14 +31,8 @@ def test_a_new_kind_of_state_finds_what_it_stands_for() -> None:
     made: dict[str, object] = {"__name__": "example"}
     exec(compile(code, str(PAGE), "exec", dont_inherit=True), made)
     rig = load_rig("capstan-joint")
-    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.2}
-    raw = {
-        "rig": "capstan-joint",
-        "duration": 6.0,
-        "drives": {"motor": {"servo": servo}},
-        "joints": {"jaw": {"torque": 0.03}},
-    }
-    log = simulate(rig, build_scenario(raw, "harness"), 1)
+    torque = {"jaw": {"torque": 0.03}}
+    log = simulate(rig, turned_capstan(6.0, joints=torque), 1)
     found = estimate(log, rig, made["estimator_of"](rig))  # type: ignore[operator]
     torque = found.state("harness_torque")
     std = np.sqrt(found.variances[-1, found.state_names.index("harness_torque")])
@@ -67,21 +60,6 @@ def test_each_benchmark_is_run_by_make_or_used_by_another() -> None:
         imported = re.compile(rf"benchmarks(\.{path.stem}| import .*\b{path.stem})\b")
         used = any(imported.search(text) for other, text in code.items() if other != path)
         assert used or f"benchmarks.{path.stem}" in commands or path.stem == "__init__", path.name
-
-
-def test_coverage_is_counted_by_package() -> None:
-    """The package with the smallest share comes first; a module without statements counts
-    nothing.
-    """
-    files = {
-        "src/distal/rig/rig.py": {"summary": {"covered_lines": 9, "num_statements": 10}},
-        "/other/src/distal/rig/subsystems.py": {
-            "summary": {"covered_lines": 0, "num_statements": 10}
-        },
-        "src/distal/units.py": {"summary": {"covered_lines": 5, "num_statements": 5}},
-        "src/distal/rig/__init__.py": {"summary": {"covered_lines": 0, "num_statements": 0}},
-    }
-    assert by_package({"files": files}) == [("rig", 9, 20), ("units.py", 5, 5)]
 
 
 def test_each_module_says_in_a_sentence_what_it_has() -> None:

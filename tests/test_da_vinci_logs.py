@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from examples.da_vinci import logs as datasets
 from examples.da_vinci.logs import da_vinci_grasper
 
 from distal.errors import LogError
-from distal.logs import read_table
 
 RAW = """%This file holds comments
 %Back-end Time [ms], Back-end CUI Encoder [counts], ...
@@ -40,18 +38,6 @@ def test_what_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path:
     with pytest.raises(LogError, match="nothing was kept"):
         da_vinci_grasper(tmp_path)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_only_twelve_runs(data: Path) -> None:
-    """The shared logs have the fingerprints of the public ones: twelve runs, of three motion
-    classes.
-    """
-    assert {run[0] for run in datasets.FINGERPRINTS} == {"0", "2", "4"}
-    for run, path in zip(datasets.FINGERPRINTS, da_vinci_grasper()):
-        table = read_table(path).columns
-        values = np.column_stack([table[name] for name in datasets.COLUMNS])
-        counts = np.round(values / np.array(datasets.FACTORS)).astype(np.int64)
-        datasets.check_fingerprint(run, counts)
 
 
 def test_a_fetched_run_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

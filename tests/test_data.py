@@ -62,17 +62,6 @@ def test_adaptive_follows_a_hand(data: Path, friction: object, bound: float) -> 
     assert 1.96 * result.theta_std.mean() < 4.0 * result.rms_error()  # and not by width alone
 
 
-def test_adaptive_servo(data: Path) -> None:
-    folder = data / "mujoco_rig"
-    rig = load_rig("pulley-antagonist")
-    read = read_log(
-        folder / "mujoco_tension_servo.csv", rig, folder / "mujoco_tension_servo.truth.csv"
-    )
-    result = estimate(read, rig, "adaptive")
-    assert np.rad2deg(result.rms_error()) < 0.35
-    assert result.inside_band() >= 0.88
-
-
 CHAINS = {
     "finger-2n": ("finger2N", "0.04 N m", {"servo": 0.69, "step": 1.0, "contact": 0.83}),
     "finger-n-plus-1": ("finger_n1", "0.04 N m", {"servo": 0.29, "step": 0.52, "contact": 0.78}),

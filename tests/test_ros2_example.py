@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from distal import LiveEstimator, Log, estimate, load_rig, scenario_rig, simulate
-from distal.rig import log_factor
-from distal.simulation import build_scenario
+from distal import Log, estimate, load_rig, simulate
+from tests.helpers import turned_capstan
 
 rosbags = pytest.importorskip("rosbags.typesys")
 
@@ -146,11 +145,7 @@ def states(time: float, names: list[str], position: list[float], effort: list[fl
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-    scenario = build_scenario(
-        {"rig": "capstan-joint", "duration": 1.0, "drives": {"motor": {"servo": servo}}}, "s"
-    )
-    return simulate(scenario_rig(scenario), scenario)
+    return simulate(load_rig("capstan-joint"), turned_capstan(1.0))
 
 
 def test_it_publishes_what_estimate_gives(started: Callable[..., Any], log: Log) -> None:
@@ -193,18 +188,6 @@ def test_a_hand_from_two_topics_is_one_message_of_all_joints(started: Callable[.
     assert set(words[1:9]) == {"untested"}
     assert all(list(message.name) == [joint.name for joint in rig.joints] for message in made)
     assert [message.header.stamp.nanosec for message in made] == [k * 10_000_000 for k in range(10)]
-    fed = {sensor.name: sensor for sensor in rig.sensors}
-    live = LiveEstimator(rig)
-    for k in range(10):
-        raw = np.array(
-            [40.0 + k if fed[name].measures == "position" else 60.0 for name in live.channels]
-        )
-        factors = np.array([fed[name].sign * log_factor(fed[name]) for name in live.channels])
-        absent = np.array(
-            [k == 9 and not fed[name].of.startswith("thumb") for name in live.channels]
-        )
-        angles = live.step(k / 100, np.where(absent, np.nan, raw * factors))
-        np.testing.assert_allclose(made[k].position, angles, atol=1e-6)
 
 
 def test_what_it_cannot_read_is_said_not_raised(started: Callable[..., Any]) -> None:

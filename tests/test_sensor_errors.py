@@ -43,9 +43,13 @@ def drawn(seed: int, largest: float, true: Floats) -> Floats:
 TRUE = np.linspace(*TRAVEL, 20_001)
 
 
+def read(rig: Rig, seed: int = 0, true: Floats = TRUE, **values: float) -> Floats:
+    """Return what a sensor with these errors alone reads."""
+    return measure(sensor(rig, **values), true, TRAVEL, np.random.default_rng(seed))
+
+
 def test_noise_level(paper_rig: Rig) -> None:
-    read = measure(sensor(paper_rig, noise=5e-6), TRUE, TRAVEL, np.random.default_rng(0))
-    error = read - TRUE
+    error = read(paper_rig, noise=5e-6) - TRUE
     # 20,001 draws: the standard deviation is known to 0.5 %, the mean to 0.035 µm
     assert error.std() == pytest.approx(5e-6, rel=0.02)
     assert abs(error.mean()) < 1.4e-7
@@ -54,10 +58,10 @@ def test_noise_level(paper_rig: Rig) -> None:
 
 def test_quantisation(paper_rig: Rig) -> None:
     step = 1e-4
-    read = measure(sensor(paper_rig, resolution=step), TRUE, TRAVEL, np.random.default_rng(0))
-    assert np.abs(read - TRUE).max() <= step / 2 * (1 + 1e-9)
-    np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
-    assert (read - TRUE).std() == pytest.approx(
+    found = read(paper_rig, resolution=step)
+    assert np.abs(found - TRUE).max() <= step / 2 * (1 + 1e-9)
+    np.testing.assert_allclose(found / step, np.round(found / step), atol=1e-9)
+    assert (found - TRUE).std() == pytest.approx(
         np.sqrt(variance(sensor(paper_rig, resolution=step))), rel=0.01
     )
 
@@ -82,10 +86,8 @@ def test_linearity_is_bounded_reached_and_smooth(seed: int) -> None:
 
 def test_linearity_is_the_same_at_the_same_place(paper_rig: Rig) -> None:
     there_and_back = np.concatenate([TRUE, TRUE[::-1]])
-    read = measure(
-        sensor(paper_rig, linearity=1e-4), there_and_back, TRAVEL, np.random.default_rng(3)
-    )
-    np.testing.assert_array_equal(read[: len(TRUE)], read[len(TRUE) :][::-1])
+    found = read(paper_rig, true=there_and_back, linearity=1e-4)
+    np.testing.assert_array_equal(found[: len(TRUE)], found[len(TRUE) :][::-1])
 
 
 def test_linearity_std_is_that_of_many_curves(paper_rig: Rig) -> None:
@@ -97,17 +99,13 @@ def test_linearity_std_is_that_of_many_curves(paper_rig: Rig) -> None:
 
 
 def test_bias(paper_rig: Rig) -> None:
-    read = measure(sensor(paper_rig, bias=2e-4), TRUE, TRAVEL, np.random.default_rng(0))
-    np.testing.assert_allclose(read - TRUE, 2e-4, atol=1e-15)
+    np.testing.assert_allclose(read(paper_rig, bias=2e-4) - TRUE, 2e-4, atol=1e-15)
 
 
 def test_switching_one_error_off_keeps_the_others(paper_rig: Rig) -> None:
     """Runs with and without linearity differ by the linearity alone."""
-    with_it = measure(
-        sensor(paper_rig, noise=5e-6, linearity=1e-4), TRUE, TRAVEL, np.random.default_rng(5)
-    )
-    without = measure(sensor(paper_rig, noise=5e-6), TRUE, TRAVEL, np.random.default_rng(5))
-    alone = measure(sensor(paper_rig, linearity=1e-4), TRUE, TRAVEL, np.random.default_rng(5))
+    errors = ({"noise": 5e-6, "linearity": 1e-4}, {"noise": 5e-6}, {"linearity": 1e-4})
+    with_it, without, alone = (read(paper_rig, 5, **each) for each in errors)
     np.testing.assert_allclose(with_it - without, alone - TRUE, atol=1e-12)
 
 

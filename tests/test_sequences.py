@@ -10,8 +10,8 @@ from types import FrameType
 import numpy as np
 import pytest
 
-from distal import Inverse, Log, diagnose, estimate, fit, load_rig, simulate
-from distal.simulation import build_scenario
+from distal import Inverse, diagnose, estimate, fit, load_rig, simulate
+from tests.helpers import turned_capstan
 
 PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "architecture.md"
 SEQUENCES = {
@@ -25,13 +25,6 @@ SEQUENCES = {
         if line
     )
 }
-
-
-def a_log(seed: int) -> Log:
-    servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.2}
-    drives = {"motor": {"servo": servo}}
-    raw = {"rig": "capstan-joint", "duration": 12.0, "drives": drives}
-    return simulate(load_rig("capstan-joint"), build_scenario(raw, "sine"), seed)
 
 
 def first_calls(run: Callable[[], object]) -> list[str]:
@@ -56,7 +49,7 @@ def first_calls(run: Callable[[], object]) -> list[str]:
 def runs() -> dict[str, Callable[[], object]]:
     rig = load_rig("capstan-joint")
     time = np.arange(0.0, 2.0, 0.01)
-    logs = [a_log(seed) for seed in (1, 2, 3)]
+    logs = [simulate(rig, turned_capstan(12.0), seed) for seed in (1, 2, 3)]
     return {
         "estimate": lambda: diagnose(estimate(logs[0], rig), logs[0], rig),
         "fit": lambda: fit(logs, rig),

@@ -1,4 +1,4 @@
-"""Rigs that are hardly known (`tests.support.rough_plants`): first use without a fit, and
+"""Rigs that are hardly known (`benchmarks.strangers.rough_kinds`): first use without a fit, and
 after a fit beside pooled least squares.
 
 `python -m benchmarks.strangers.rough --rigs 5` prints errors and bands of each estimator from the
@@ -19,10 +19,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from tests.support.maps import with_learned_map
-from tests.support.rough_plants import FITTED, JUDGED, KINDS, described, log_at, log_of
+from tests.support.rough_plants import FITTED, JUDGED, KINDS
 
 from benchmarks.report import table
 from benchmarks.shell import estimate
+from benchmarks.strangers.rough_kinds import described, log_at, log_of
 from distal import DistalError, Log, Rig, fit
 from distal.fitting import Fit
 from distal.rig import build_rig

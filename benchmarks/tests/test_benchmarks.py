@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -25,24 +24,6 @@ BENCHMARKS = sorted(
 
 GONE = ("attr-defined", "call-arg", "name-defined")
 """Errors of mypy on what is not there."""
-
-FAULTS = ("AttributeError", "NameError", "TypeError", "ImportError", "SyntaxError")
-"""What the end of a benchmark that names what is gone begins with."""
-
-STARTS = 1.5
-"""A benchmark without a small case has started if it still runs after so long [s]."""
-
-SMALLEST: dict[str, tuple[str, ...]] = {
-    "commands": ("--time",),
-    "events": ("--first-seed", "1", "--draws", "1"),
-    "false_alarms": ("--first-seed", "1", "--rigs", "1"),
-    "motor_faults": ("--episodes", "1"),
-    "out_of_reach": ("--cases", "1"),
-    "from_logs": ("columns", "--rigs", "1"),
-    "lerobot_round_trip": ("--sets", "1"),
-    "learned": ("plants", "--only", "wrist-instrument"),
-    "fit_command": ("lacking", "--rigs", "1", "--first-seed", "300"),
-}
 
 
 @pytest.mark.more
@@ -89,33 +70,6 @@ def test_all_can_be_imported(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-
-
-@pytest.mark.more
-@pytest.mark.parametrize("name", BENCHMARKS)
-def test_it_starts(name: str, tmp_path: Path) -> None:
-    """It ends well, is still at work, or lacks data or a package of others."""
-    words = [sys.executable, "-m", f"benchmarks.{name}", *SMALLEST.get(name, ())]
-    environment = of_a_newcomer(tmp_path)
-    with subprocess.Popen(
-        words,
-        cwd=tmp_path,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        try:
-            _, error = process.communicate(timeout=STARTS)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)  # with the processes that it began
-            process.communicate()
-            return
-        # data or a package of others may be missing here; nothing of the project's own may be
-        last = (error.strip().splitlines() or [""])[-1]
-        assert not last.startswith(FAULTS), error[-2000:]
-        assert "No module named 'distal" not in last, error[-2000:]
 
 
 CHANGED = """

@@ -4,19 +4,14 @@ other.
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from benchmarks.paper_search import (
     UNKNOWNS,
     Search,
-    draw_map,
     margins_of,
     plant_of,
-    search_in_words,
-    to_json,
 )
 from distal.reports.paper_2008.page import (
     PLANTS,
@@ -71,27 +66,6 @@ def test_a_statement_is_tested_on_the_plant_that_the_others_choose() -> None:
 def test_pairs_that_exclude_each_other() -> None:
     every = found((0.1, -0.1, -0.1), (-0.1, 0.1, 0.1))
     assert every.excluding() == [(0, 1), (0, 2)]  # the fourth holds nowhere: it excludes nothing
-
-
-def test_a_search_is_written_drawn_and_said() -> None:
-    every = found((0.5, -np.inf, 0.25), (0.125, -0.5, -2.0))
-    rows = json.loads(to_json(every))["plants"]
-    assert [row["reading"] for row in rows] == ["geometry", "x/r"]
-    assert [rows[0]["margins"][key] for key in ("C1", "C2", "C3")] == [0.5, None, 0.25]
-    assert rows[1]["axle friction, reference load [N]"] == 13.0
-    assert "on the best of them 2 of 12 statements hold" in search_in_words(every)[0]
-    titles = [axes.get_title(loc="left") for axes in draw_map(every).axes]
-    assert titles[:3] == ["C1: 2 of 2", "C2: 0 of 2", "C3: 1 of 2"]
-
-
-def test_a_plant_has_the_values_that_were_drawn() -> None:
-    plant = plant_of(np.array([0.1, 0.05, 1.5, 13.0, 4.5, 20.0]), "x/r")
-    hand = plant.scenario("series-1").joints["link"].hand
-    assert hand is not None
-    assert max(hand.angle.values) == pytest.approx(np.deg2rad(20.0))
-    assert min(hand.angle.values) == pytest.approx(np.deg2rad(-20.0))
-    assert plant.scenario("series-2").plant["drives.1.friction.load"] == 0.05
-    assert plant.over_radius
 
 
 def test_the_thresholds_are_those_that_were_written_down() -> None:

@@ -4,12 +4,8 @@ homing, fits, C.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -17,24 +13,17 @@ from distal import (
     Log,
     Rig,
     at_known_angle,
-    diagnose,
     estimate,
-    estimate_batch,
     fit,
     load_rig,
     load_scenario,
     simulate,
-    smooth,
 )
 from distal.errors import EstimationError, RigError
-from distal.estimators import AdaptiveFilter, Robustness, directions
-from distal.estimators.adaptive.joint_motion import _acting, _substep
+from distal.estimators import directions
 from distal.estimators.kinematic import unseen_covariance
-from distal.logs import TruthKind, write_log
 from distal.rig import build_rig
-from distal.simulation import build_scenario
-from tests.helpers import finite_difference
-from tests.support.maps import with_learned_map
+from tests.chains.scenarios import flexed
 
 
 @pytest.fixture(scope="module")
@@ -70,124 +59,6 @@ def test_adaptive_is_better_than_tendons_alone_and_its_band_holds(rig: Rig, log:
     assert rms(found).mean() < 0.35 * rms(estimate(log, rig, "inextensible")).mean()
     assert found.inside_band() > 0.9
     assert found.unseen is None
-
-
-def test_regression_learns_all_joints(rig: Rig, log: Log) -> None:
-    result = estimate(log, with_learned_map([log], rig, "readings"), "regression")
-    assert rms(result).max() < 0.5
-
-
-@pytest.mark.slow
-def test_batches_and_smoothing(rig: Rig, log: Log) -> None:
-    other = replace(log, source="other")
-    alone = estimate(log, rig, "elastic")
-    for one in estimate_batch([log, other], rig, "elastic"):
-        np.testing.assert_allclose(one.means, alone.means, rtol=0, atol=1e-9)
-    smoothed = smooth(log, rig)
-    assert rms(smoothed).mean() < 1.2 * rms(estimate(log, rig)).mean()
-    assert smoothed.angles.shape == (len(log), 2)
-
-
-@pytest.mark.slow
-def test_diagnosis_names_no_friction_that_is_declared(rig: Rig, log: Log) -> None:
-    text = diagnose(estimate(log, rig), log, rig, what_if=False).text
-    assert "friction that the rig does not have" not in text
-
-
-def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
-    """∂(θ, ω)⁺ by the joints' motion, parameters and places, against central differences, slipping
-    and stuck.
-    """
-    rig = load_rig("finger-n-plus-1")
-    # with a torque the slopes are those of an expectation, see tests of the soft friction
-    guards = replace(Robustness.usual(3), opens_torques=False)
-    estimator = AdaptiveFilter(rig, compiled=False, robustness=guards)
-    states = estimator.states
-    context, acting = states.context, _acting(states)
-    mechanism, step = context.mechanism, _substep(states)
-    p, nj, nd, h = mechanism.parameters, 3, 4, 7e-4
-    damped = np.zeros(nj)  # in a chain it follows from the posture
-    mean = np.array(states.means)
-    state = ca.SX.sym("state", len(states))
-    parameters = ca.Function("p", [state, p.symbols], [states.parameters(state)])
-    columns = 2 * nj + len(acting) + nd
-    identity = np.eye(columns)
-    rng, slips = np.random.default_rng(5), set()
-    for case in range(8):
-        angles, speeds = (
-            np.deg2rad(rng.uniform(0, 50, 3)),
-            rng.normal(size=3) * (0.05, 1.0, 2.0, 3.0)[case % 4],
-        )
-        arms = np.array(
-            [[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons]
-        )
-        positions = arms @ angles + 8e-4 + rng.normal(size=4) * 3e-4
-
-        def after(x: np.ndarray) -> np.ndarray:
-            moved = mean.copy()
-            moved[acting] = x[2 * nj : 2 * nj + len(acting)]
-            q, v = (
-                np.append(x[:nj], x[2 * nj + len(acting) :]),
-                np.append(x[nj : 2 * nj], np.zeros(nd)),
-            )
-            values = parameters(moved, p.values)
-            found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, damped, p.values)
-            return np.concatenate(
-                [np.array(found[0]).ravel()[:nj], np.array(found[1]).ravel()[:nj]]
-            )
-
-        at = np.concatenate([angles, speeds, mean[acting], positions])
-        sizes = np.concatenate(
-            [np.full(3, 1e-7), np.full(3, 1e-6), 1e-3 * states.stds[acting], np.full(4, 1e-9)]
-        )
-        expected = finite_difference(after, at, sizes)
-        q, v = np.append(angles, positions), np.append(speeds, np.zeros(nd))
-        values = parameters(mean, p.values)
-        found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, damped, p.values)
-        by_angle, by_speed, others = (np.array(each).T for each in found[2:5])
-        of_speeds = by_angle @ identity[:nj] + by_speed @ identity[nj : 2 * nj] + others
-        slopes = np.vstack([identity[:nj] + h * of_speeds, of_speeds])
-        slips.add(int(np.count_nonzero(np.array(found[1]).ravel()[:nj])))
-        # Coriolis torques are taken in the middle of the kick, their slopes at its start; in units
-        # of what is unsure
-        unsure = np.concatenate(
-            [np.full(3, 1e-2), np.full(3, 0.3), states.stds[acting], np.full(4, 5e-5)]
-        )
-        slopes, expected = slopes * unsure, expected * unsure
-        least = 0.002 * np.abs(expected).max(axis=1, keepdims=True)
-        assert np.all(np.abs(slopes - expected) <= 0.02 * np.abs(expected).max(axis=0) + least)
-    assert len(slips) > 1  # some of them stuck
-
-
-@pytest.mark.slow
-@pytest.mark.more
-def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
-    """An encoder of pip alone for half a second; then pip at a mark, and then both."""
-    only = replace(log, truth={"theta_pip": log.truth["theta_pip"]})
-    result = estimate(only, rig, homing=0.5)
-    assert (
-        np.rad2deg(result.angle_stds[50, 1])
-        < 0.4
-        < np.rad2deg(estimate(log, rig).angle_stds[50, 1])
-    )
-    # of the other joint nothing more is known, and nothing less
-    assert result.angle_stds[-1, 0] < 1.1 * estimate(log, rig).angle_stds[-1, 0]
-    marked, described = at_known_angle(
-        replace(log, truth={}), rig, 0.5, np.deg2rad(25), np.deg2rad(0.5), joint="pip"
-    )
-    assert [sensor.name for sensor in described.sensors_of("angle")] == ["home_pip"]
-    marked, described = at_known_angle(
-        marked, described, 0.5, np.deg2rad(20), np.deg2rad(0.5), joint="mcp"
-    )
-    assert str(marked.truth_source).startswith("pip 25° ± 0.5° at home, mcp 20° ± 0.5° at home")
-    assert marked.truth_kind is TruthKind.HOME
-    both = estimate(marked, described, homing=0.5)
-    assert np.rad2deg(both.angle_stds[50]).max() < 0.7
-    with pytest.raises(
-        EstimationError,
-        match=r"a homing angle is of one joint; name one of mcp, pip \('pip: 0 deg'\); none was named",
-    ):
-        at_known_angle(log, rig, 0.5, 0.0)
 
 
 @pytest.mark.more
@@ -234,14 +105,7 @@ def test_the_band_opens_where_nothing_is_seen() -> None:
     tells.
     """
     finger = load_rig("finger-underactuated")
-    servo = {
-        "angle": {"mean": 0.6, "amplitude": 0.5, "frequency": 0.5},
-        "stiffness": 5.0,
-        "damping": 0.05,
-    }
-    scenario = build_scenario(
-        {"rig": "finger-underactuated", "duration": "2 s", "drives": {"flexor": {"servo": servo}}}
-    )
+    scenario = flexed(2.0, 0.5)
     log = simulate(finger, scenario, seed=1)
     alone = estimate(log, finger)
     touched = estimate(log, finger.with_values({"joints.*.external_torque.std": "0.03 N m"}))
@@ -293,42 +157,27 @@ def test_least_squares_over_tendons_is_exact_where_they_agree() -> None:
 
 
 def test_a_star_stands_for_all() -> None:
-    finger = load_rig("finger-2n").with_values(
-        {"joints.*.external_torque.std": "0.04 N m", "tendons.*.crossings.*.radius.std": "3 %"}
-    )
-    assert [joint.external_torque.std for joint in finger.joints] == [0.04, 0.04]
-    assert finger.tendons[2].crossings[1].radius.std == pytest.approx(0.18e-3)  # type: ignore[union-attr]
+    finger = load_rig("finger-2n")
+    wider = finger.with_values({"tendons.*.crossings.*.radius.std": "3 %"})
+    assert wider.tendons[2].crossings[1].radius.std == pytest.approx(0.18e-3)  # type: ignore[union-attr]
     with pytest.raises(RigError, match=r"'name' is no list with items that '\*' could stand for"):
         finger.with_values({"name.*.x": 1.0})
-    with pytest.raises(RigError, match="unknown key 'frictoin'"):
-        finger.with_values({"joints.*.frictoin": 1.0})
-
-
-@pytest.mark.slow
-def test_a_stream_of_a_finger(rig: Rig, log: Log, tmp_path: Path) -> None:
-    """`distal stream`: every joint has its angle and its std in each line."""
-    write_log(replace(log, truth={}).select(np.arange(len(log)) < 20), rig, tmp_path / "log.csv")
-    text = (tmp_path / "log.csv").read_text(encoding="utf-8")
-    command = [sys.executable, "-m", "distal", "stream", "--rig", "finger-2n", "--unit", "deg"]
-    done = subprocess.run(
-        command, input=text, capture_output=True, text=True, timeout=60, check=True
-    )
-    header, *lines = done.stdout.splitlines()
-    assert len(lines) == 20
-    expected = {f"theta_{joint}{what} [deg]" for joint in ("mcp", "pip") for what in ("", "_std")}
-    assert expected <= set(header.split(","))
 
 
 def test_homing_at_one_joint_of_a_log_that_knows_all(rig: Rig, log: Log) -> None:
     """pip stands at a mark; the truth of mcp, which the log has too, is compared with and not
-    read.
+    read. Of which joint it is has to be said.
     """
+    with pytest.raises(EstimationError, match=r"name one of mcp, pip .*none was named"):
+        at_known_angle(log, rig, 0.5, 0.0)
     marked, described = at_known_angle(log, rig, 0.5, np.deg2rad(25), np.deg2rad(1.0), joint="pip")
     result = estimate(marked, described, homing=0.5)
     assert result.truths is not None
     late = log.time >= 0.5
     assert np.isfinite(result.truths[late]).all()
     assert rms(result).max() < 1.0
+    both, _ = at_known_angle(marked, described, 0.5, np.deg2rad(20), np.deg2rad(0.5), joint="mcp")
+    assert str(both.truth_source).startswith("pip 25° ± 1° at home, mcp 20° ± 0.5° at home")
 
 
 def test_elastic_says_what_it_cannot_know() -> None:

@@ -22,7 +22,6 @@ from distal.estimators.adaptive.drive_tracking import (
     faded,
     track_function,
 )
-from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction
 from distal.estimators.adaptive.prediction import revert
@@ -39,7 +38,7 @@ from distal.estimators.adaptive.touch import (
 from distal.estimators.estimator_protocol import StateKind
 from distal.kernels.layout import MISSING, READ
 from distal.rig import contact_shape
-from distal.simulation import build_scenario
+from tests.chains.scenarios import flexed
 
 CHAIN = Robustness.usual(3)
 
@@ -50,11 +49,6 @@ def said(function: ca.Function, kept: dict[str, float], **came: float) -> dict[s
     found = {name: float(value) for name, value in outputs.items()}
     kept.update({name: found[name] for name in FORCE.names})
     return found
-
-
-def context_of(name: str = "finger-2n") -> FilterContext:
-    """Return a chain's filter."""
-    return AdaptiveFilter(load_rig(name), compiled=False).states.context
 
 
 def test_a_force_beyond_what_is_normal_is_evidence_of_a_touch() -> None:
@@ -85,20 +79,6 @@ def test_a_force_beyond_what_is_normal_is_evidence_of_a_touch() -> None:
         excesses.append(found["excess"])
     assert max(excesses[:300]) == 0.0
     assert np.median(excesses[320:360]) > 1.0
-
-
-def test_without_logs_normal_is_what_is_usual() -> None:
-    """A mean innovation of 1.2 stds, which the rig has from the start; one that comes after 15 calm
-    seconds is evidence.
-    """
-    watch = evidence_function()
-    always, later = ({"mean": 0.0, "force": 0.0, "usual": 0.25} for _ in range(2))
-    came = {"variance": 1.0, "is_used": 1.0, "dt": 0.005}
-    for k in range(4000):
-        assert said(watch, always, innovation=1.2, **came)["excess"] == 0.0
-        found = said(watch, later, innovation=1.2 if k > 3000 else 0.0, **came)
-        if k == 3030:
-            assert found["excess"] > 0.1
 
 
 def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
@@ -325,14 +305,7 @@ def test_a_joint_on_its_stop_stays_known_where_nothing_happens() -> None:
     rig = load_rig("finger-underactuated").with_values(
         {"joints.mcp.stops": ["25 deg", "95 deg"], "joints.mcp.initial.value": "25 deg"}
     )
-    servo = {
-        "angle": {"mean": 0.6, "amplitude": 0.05, "frequency": 0.5},
-        "stiffness": 5.0,
-        "damping": 0.05,
-    }
-    scenario = build_scenario(
-        {"rig": "finger-underactuated", "duration": "3 s", "drives": {"flexor": {"servo": servo}}}
-    )
+    scenario = flexed(3.0, 0.05)
     log = simulate(rig, scenario, seed=1)
     assert np.ptp(log.truth["theta_mcp"]) < 0.05
     stds = []

@@ -1,10 +1,38 @@
-"""What came of one hostile input."""
+"""Hostile values, and what came of one hostile input."""
 
 from __future__ import annotations
 
+import random
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from distal.errors import DistalError
+
+BYTES = (
+    b"\x00",
+    b"\xff",
+    b"\n",
+    b"\r",
+    b'"',
+    b",",
+    b"\n\n",
+    b"\x80" * 8,
+    b"\x00" * 64,
+    b"\xef\xbb\xbf",
+)
+
+
+ODD_CELLS = (
+    *("", "nan", "1e400", "-1e308", '"', '"1"', "1,5", "0x10", "1_000", "١٢", "²", "\x00"),
+    "\x1b[2J",
+)
+"""Cells of a table that are no number, or an odd one."""
+
+JSON = (
+    *(None, True, False, "", "x", "1", "nan", "²", [], [1], [[1], [1, 2]], {}, {"a": 1}),
+    *(1e308, -1e308, 2**63, 10**30, "1" * 5000),
+)
+"""Values of JSON that are no number, or an odd one."""
 
 
 @dataclass(frozen=True)
@@ -46,3 +74,24 @@ def refusal(problem: DistalError) -> Outcome:
     """
     text = str(problem)
     return broken(text, "the message is no line") if "\n" in text or not text.strip() else REFUSED
+
+
+def damaged(rng: random.Random, data: bytes, marks: Sequence[bytes] = BYTES) -> bytes:
+    """Return bytes of which some are changed, lost, doubled or moved, or marks."""
+    for _ in range(rng.choice([1, 1, 1, 2, 5])):
+        at = rng.randrange(len(data) + 1)
+        if rng.random() < 0.4:
+            at = max(
+                len(data) - rng.randrange(min(len(data), 400) + 1), 0
+            )  # footers are where it hurts
+        size = rng.choice([0, 1, 1, 1, 4, 60])
+        what = rng.randrange(6)
+        if what <= 2 and at < len(data):
+            data = data[:at] + bytes([data[at] ^ (1 << rng.randrange(8))]) + data[at + 1 :]
+        elif what == 3:
+            data = data[:at] + rng.choice(marks) + data[at + size :]
+        elif what == 4:
+            data = data[:at] if rng.random() < 0.3 else data[:at] + data[at + size :]
+        else:
+            data = data[:at] + data[at : at + size] * 2 + data[at + size :]
+    return data

@@ -15,7 +15,7 @@ import tomlkit
 from distal.errors import DistalError
 from distal.model import Mechanism, stiffest_frequency, substeps
 from distal.rig import load_rig, rig_text, shipped_rigs
-from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
+from tests.fuzzing.outcome import BYTES, TAKEN, Outcome, broken, damaged, refusal
 
 VALUES: tuple[Any, ...] = (
     0,
@@ -84,24 +84,7 @@ KEYS = (
     "__class__",
     "model_fields",
 )
-BYTES = (
-    b'"',
-    b"=",
-    b"[",
-    b"]",
-    b"{",
-    b"#",
-    b"\n",
-    b"\x00",
-    b"\xff",
-    b"\xef\xbb\xbf",
-    b"'",
-    b".",
-    b"-",
-    b"e",
-    b"9" * 400,
-    b"[[joints]]\n",
-)
+MARKS = (*BYTES, *(mark.encode() for mark in "=[]{}#'.-e"), b"9" * 400, b"[[joints]]\n")
 
 
 def changed(seed: int) -> tuple[bytes, list[str]]:
@@ -113,10 +96,8 @@ def changed(seed: int) -> tuple[bytes, list[str]]:
     rng = random.Random(seed)
     text = rig_text(rng.choice(shipped_rigs()))[0]
     kind, assignments = rng.randrange(4), list[str]()
-    if kind == 0:
-        data = _bytes(rng, text.encode())
-    elif kind == 1:
-        data = _lines(rng, text).encode()
+    if kind < 2:
+        data = damaged(rng, text.encode(), MARKS)
     else:
         raw = tomllib.loads(text)
         for _ in range(rng.choice([1, 1, 1, 2, 5])):
@@ -159,36 +140,6 @@ def attempt(seed: int, folder: Path) -> Outcome:
     else:
         outcome = TAKEN
     return outcome if path.read_bytes() == data else broken(seed, "the rig file was changed")
-
-
-def _bytes(rng: random.Random, data: bytes) -> bytes:
-    for _ in range(rng.choice([1, 1, 2, 8])):
-        at = rng.randrange(len(data) + 1)
-        end = at + rng.choice([0, 1, 1, 5, 200])
-        put = rng.choice([b"", bytes([rng.randrange(256)]), rng.choice(BYTES)])
-        data = data[:at] + put + data[end:]
-    return data
-
-
-def _lines(rng: random.Random, text: str) -> str:
-    lines = text.splitlines()
-    for _ in range(rng.choice([1, 2, 6])):
-        at = rng.randrange(len(lines))
-        what = rng.randrange(4)
-        if what == 0:
-            del lines[at]
-        elif what == 1:
-            lines.insert(at, rng.choice(lines))
-        elif what == 2:
-            other = rng.randrange(len(lines))
-            lines[at], lines[other] = lines[other], lines[at]
-        else:
-            lines[at] = lines[at].replace(
-                rng.choice('0123456789.mN= "'), rng.choice(["", "-", "0", "e9", "=", '"']), 1
-            )
-        if not lines:
-            break
-    return "\n".join(lines) + "\n"
 
 
 def _position(rng: random.Random, raw: Any) -> tuple[str, Any, Any]:

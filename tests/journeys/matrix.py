@@ -10,15 +10,12 @@ from pathlib import Path
 import numpy as np
 from allpairspy import AllPairs
 
-from distal import Log, Rig, load_rig, shipped_rigs, simulate, write_log
+from distal import Log, Rig, shipped_rigs, simulate, write_log
 from distal.simulation import build_scenario
 
 REPLAY = Path(__file__).parents[1] / "export" / "replay.py"
 EXAMPLES = Path(__file__).parents[2] / "examples"
-POSITIONS = ("positions-1", "positions-2", "positions-3")
-"""Rigs of one to three joints that are learned from positions only, with one or two motors each."""
-
-MADE = ("fitted", "learned", *POSITIONS)
+MADE = ("fitted", "learned", "learned from positions")
 """Rigs that commands write before the matrix runs."""
 
 RIGS = (
@@ -34,8 +31,7 @@ RIGS = (
         - {"paper-2008-printed", "finger-underactuated"}
     ),
     "start.toml",
-    "learned",
-    *POSITIONS,
+    *MADE[1:],
 )
 MANY = "hand"
 """A rig of so many joints that full filters and fits take minutes."""
@@ -165,8 +161,3 @@ def write_logs(rig: Rig, folder: Path) -> None:
         np.savetxt(
             folder / f"log_{number}.truth.csv", beside, delimiter=",", header=header, comments=""
         )
-
-
-def described(name: str) -> Rig:
-    """Return a rig of the matrix that no command has to write."""
-    return load_rig(EXAMPLES / "da_vinci" / name if name.endswith(".toml") else name)

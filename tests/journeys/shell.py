@@ -1,4 +1,4 @@
-"""A shell in an empty folder, with the wheel that an installation unpacks."""
+"""A shell in a folder, with the `distal` of this environment or of an installed wheel."""
 
 from __future__ import annotations
 
@@ -8,50 +8,50 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+HERE = Path(sys.executable).parent
 
 
 def installed(folder: Path) -> Path:
-    """Build the wheel, install it into a folder without its dependencies, and return the folder."""
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    wheels = folder / "wheels"
-    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(wheels), str(ROOT)]
-    subprocess.run(build, check=True, cwd=folder)
-    (wheel,) = wheels.glob("distal-*.whl")
-    site = folder / "site"
-    subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(wheel)], check=True)
-    return site
+    """Build the wheel, install it into a folder without its dependencies, and return the folder of
+    its command.
+    """
+    pip = f"{sys.executable} -m pip --quiet --disable-pip-version-check"
+    build = f"{pip} wheel --no-deps --no-build-isolation -w wheels {ROOT}"
+    ran(f"{build}\n{pip} install --no-deps --target site wheels/distal-*.whl", folder)
+    command = folder / "bin" / "distal"
+    command.parent.mkdir()
+    # a launcher as pip writes one: only it knows where the package is
+    command.write_text(
+        f"#!{sys.executable}\nimport sys\nsys.path.insert(0, {str(folder / 'site')!r})\n"
+        "from distal_command import main\nmain()\n"
+    )
+    command.chmod(0o755)
+    return command.parent
 
 
-class Shell:
-    """Runs lines of a shell in one folder; `distal` is the installed wheel's."""
+def environment(commands: Path = HERE) -> dict[str, str]:
+    """Return that of a user who has no setting of distal but a cache."""
+    set_here = ("DISTAL_", "PYTHON", "OMP_", "OPENBLAS_", "MKL_")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(set_here)}
+    path = os.pathsep.join([str(commands), str(HERE), os.environ["PATH"]])
+    return {**kept, "DISTAL_CACHE": os.environ["DISTAL_CACHE"], "PATH": path}
 
-    def __init__(self, folder: Path, site: Path) -> None:
-        self.folder = folder
-        command = folder / "bin" / "distal"
-        command.parent.mkdir()
-        # a launcher as pip writes one: only it knows where the package is
-        command.write_text(
-            f"#!{sys.executable}\nimport sys\nsys.path.insert(0, {str(site)!r})\n"
-            "from distal_command import main\nmain()\n"
-        )
-        command.chmod(0o755)
-        self.environment = {
-            name: value
-            for name, value in os.environ.items()
-            if not name.startswith(("DISTAL_", "PYTHON", "OMP_", "OPENBLAS_", "MKL_"))
-            or name == "DISTAL_CACHE"  # that of the user's home stays as it is
-        }
-        self.environment["PATH"] = f"{command.parent}{os.pathsep}{os.environ['PATH']}"
 
-    def run(self, lines: str) -> str:
-        """Run lines, each of which has to succeed, and return what they print."""
-        done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", lines],
-            cwd=self.folder,
-            env=self.environment,
-            capture_output=True,
-            text=True,
-        )
-        assert done.returncode == 0, f"{lines}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-        assert "Traceback" not in done.stderr
-        return done.stdout
+def ran(lines: str, folder: Path, commands: Path = HERE) -> subprocess.CompletedProcess[str]:
+    """Run lines of a shell; what ends them is an error that a user can mend, in one line."""
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", lines],
+        cwd=folder,
+        env=environment(commands),
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    said = done.stdout + done.stderr
+    assert "Traceback" not in said, said
+    assert "fault of distal" not in said, said
+    assert done.returncode in (0, 2), said
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) <= 1 or done.returncode == 0, said
+    assert errors or done.returncode == 0, said
+    return done

@@ -6,16 +6,15 @@ an instrument go through `distal estimate` too.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from distal import load_rig
@@ -24,47 +23,15 @@ from tests.journeys.matrix import (
     EXAMPLES,
     MADE,
     OTHERS,
-    POSITIONS,
     Case,
     cases,
-    described,
     write_logs,
 )
-from tests.support.positions_only import Positions, write
-
-SEEDS = {1: 21, 2: 24, 3: 25}
-"""Joints of a rig of positions only → its seed; the one of two joints has two motors for each."""
+from tests.journeys.shell import environment, ran
 
 COMPILES = shutil.which("cc") is not None
 QUICK = 5
 """Number of rows of each matrix that always run."""
-
-
-def environment() -> dict[str, str]:
-    """Return that of a user who has no setting of distal but a cache."""
-    kept = {name: v for name, v in os.environ.items() if not name.startswith("DISTAL_")}
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return {**kept, "DISTAL_CACHE": os.environ["DISTAL_CACHE"], "PATH": path}
-
-
-def ran(lines: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run lines of a shell; what ends them is an error that a user can mend, in one line."""
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", lines],
-        cwd=folder,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    said = done.stdout + done.stderr
-    assert "Traceback" not in said, said
-    assert "fault of distal" not in said, said
-    assert done.returncode in (0, 2), said
-    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert len(errors) <= 1 or done.returncode == 0, said
-    assert errors or done.returncode == 0, said
-    return done
 
 
 @pytest.fixture(scope="session")
@@ -84,23 +51,17 @@ class Files(dict[str, tuple[Path, Path]]):
         if name == "fitted":
             write_logs(load_rig("capstan-joint"), folder)
             ran("distal fit log_0.csv --rig capstan-joint --out rig.toml", folder)
-        elif name == "learned":
+        elif name in MADE:
             for path in (EXAMPLES / "finger_logs").glob("run_*.csv"):
-                lines = path.read_text(encoding="utf-8").splitlines()[:801]
-                (folder / path.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
-            ran("distal learn run_0.csv run_1.csv run_2.csv --out rig.toml", folder)
-        elif name in POSITIONS:
-            joints = int(name[-1])
-            for k in range(3):
-                write(
-                    Positions.drawn(SEEDS[joints], joints).log(k, 12.0)[0], folder / f"run_{k}.csv"
-                )
+                frame = pl.read_csv(path).head(800)
+                frame = frame if name == "learned" else frame.drop("current [mA]")
+                frame.write_csv(folder / path.name)
             ran("distal learn run_0.csv run_1.csv run_2.csv --out rig.toml", folder)
         elif name.endswith(".toml"):
             file = EXAMPLES / "da_vinci" / name
         if name in MADE:
             file = folder / "rig.toml"
-        write_logs(load_rig(file) if name in MADE else described(name), folder)
+        write_logs(load_rig(file), folder)
         self[name] = file, folder
         return self[name]
 
@@ -159,23 +120,22 @@ def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
     assert "Traceback" not in said
 
 
-POSES = ("da_vinci_grasper/run", "da_vinci_poses/pitch", "da_vinci_poses/roll")
-
-
 @pytest.mark.parametrize("homing", ["3s", pytest.param("0.2s", marks=pytest.mark.more)])
 @pytest.mark.parametrize(
-    "log", [0, pytest.param(slice(1, None), id="the rest", marks=pytest.mark.more)]
-)
-@pytest.mark.parametrize(
-    "pose", [POSES[0], *(pytest.param(pose, marks=pytest.mark.more) for pose in POSES[1:])]
+    "pose",
+    [
+        "da_vinci_grasper/run",
+        pytest.param("da_vinci_poses/pitch", marks=pytest.mark.more),
+        pytest.param("da_vinci_poses/roll", marks=pytest.mark.more),
+    ],
 )
 def test_real_logs_with_the_truth_beside_them(
-    pose: str, log: int | slice, homing: str, data: Path, tmp_path: Path
+    pose: str, homing: str, data: Path, tmp_path: Path
 ) -> None:
     """With the words on a log that follow its estimate, at which 33 of 56 once ended in a fault."""
     paths = sorted((data / pose).parent.glob(f"{Path(pose).name}_*.csv"))
     assert len(paths) > 1
-    for path in [paths[log]] if isinstance(log, int) else paths[log]:
+    for path in paths:
         done = ran(f"distal estimate {path} --rig da-vinci-grasper --homing {homing}", tmp_path)
         assert done.returncode == 0, done.stderr
         assert "error: " not in done.stderr

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tools.lab.plant_source import ExportedPlant, c_plant, resting_inputs
-from typer.testing import CliRunner
 
-from distal import load_rig
-from distal.cli.app import app
+from distal import Rig, load_rig
 from distal.errors import ExportError
 from distal.kernels import Kernel
 from distal.model import Mechanism
@@ -71,36 +69,35 @@ class Plant:
         return ctypes.c_void_p(array.ctypes.data)
 
 
+def by_kernel(
+    made: ExportedPlant, pulls: np.ndarray, truth: Rig | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the state of Python's kernel and what it puts out after each sample, by what acts in
+    it, (k, n), with the numbers that are true from the first step on; default the rig's.
+    """
+    kernel = Kernel(plant_function(made.plant, made.count))
+    begun, _ = at_rest(made.plant, resting_inputs(made.plant), made.start, kernel)
+    lengths = np.full(made.parts * len(pulls), made.interval / made.parts)
+    rows = np.column_stack([np.repeat(pulls, made.parts, axis=0), lengths])
+    known = made.plant if truth is None else Mechanism(truth, remembers=True)
+    states, ys = kernel.scan(begun, rows, known.parameters.values)
+    return states[made.parts - 1 :: made.parts], ys[made.parts - 1 :: made.parts]
+
+
 @pytest.mark.parametrize("name", ["template", "da-vinci-grasper", "finger-underactuated"])
 def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
-    rig = load_rig(name)
-    made = c_plant(rig, "p")
-    n, nj, plant = made.plant.n_bodies, made.plant.n_joints, Plant(made, tmp_path)
+    made = c_plant(load_rig(name), "p")
+    nj, plant = made.plant.n_joints, Plant(made, tmp_path)
     plant.begin(1)
-    pulls = np.zeros((200, 5, n))
+    pulls = np.zeros((200, 5, made.plant.n_bodies))
     pulls[:, 0] = resting_inputs(made.plant).effort[0]
     pulls[:, 0, nj:] += 0.02 * np.sin(0.1 * np.arange(200))[:, None]
-    pulls[100:, 2, 0], pulls[100:, 3, 0], pulls[100:, 4, 0] = (
-        0.05,
-        0.3,
-        1e-3,
-    )  # a hand takes the first joint
+    pulls[100:, 2:, 0] = 0.05, 0.3, 1e-3  # a hand takes the first joint
     for pull in pulls:
         plant.step(pull.ravel())
-    held = resting_inputs(made.plant)
-    kernel = Kernel(plant_function(made.plant, made.count))
-    kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
-    rows = np.column_stack(
-        [
-            np.repeat(pulls.reshape(200, -1), made.parts, axis=0),
-            np.full(200 * made.parts, made.interval / made.parts),
-        ]
-    )
-    kernel_states, _ = kernel.scan(kernel_state, rows, made.plant.parameters.values)
-    np.testing.assert_allclose(
-        plant.state[: kernel_state.size], kernel_states[-1], rtol=0, atol=1e-12
-    )
-    assert np.abs(kernel_states[-1] - kernel_state)[:nj].max() > 1e-3
+    states, _ = by_kernel(made, pulls.reshape(200, -1))
+    np.testing.assert_allclose(plant.state[: states.shape[1]], states[-1], rtol=0, atol=1e-12)
+    assert np.abs(states[-1] - states[0])[:nj].max() > 1e-3
 
 
 class Drawn:
@@ -155,15 +152,8 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
         scale = sensor.linearity / np.abs(at(np.linspace(0, 1, 501))).max()
         curves.append((at, scale, low, high))
     read = [plant.begin(7), *(plant.step(pull.ravel()) for _ in range(30))]
-    n, first = made.plant.n_bodies, made.first
-    held = resting_inputs(made.plant)
-    kernel = Kernel(plant_function(made.plant, made.count))
-    kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
-    row = np.append(pull.ravel(), made.interval / made.parts)
-    ys = kernel.scan(
-        kernel_state, np.tile(row, (30 * made.parts, 1)), made.plant.parameters.values
-    )[1][made.parts - 1 :: made.parts]
-    for values, y in zip(read, [first, *ys]):
+    _, ys = by_kernel(made, np.tile(pull.ravel(), (30, 1)))
+    for values, y in zip(read, [made.first, *ys]):
         for i, (sensor, (curve, scale, low, high)) in enumerate(zip(rig.sensors, curves)):
             true = true_reading(made.plant, sensor, y)
             share = np.clip((true - low) / (high - low), 0, 1)
@@ -176,7 +166,9 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
             step = step_of(sensor)
             expected = np.floor(expected / step + 0.5) * step if step > 0 else expected
             assert values[i] == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert np.abs(ys[:, n + made.plant.n_joints]).max() > 1e-6  # a lag shows where the drive moves
+    assert (
+        np.abs(ys[:, made.plant.n_bodies + made.plant.n_joints]).max() > 1e-6
+    )  # a lag shows where the drive moves
 
 
 def test_sensors_of_other_rates(tmp_path: Path) -> None:
@@ -193,11 +185,3 @@ def test_what_it_does_not_have_is_refused() -> None:
         c_plant(load_rig("template").with_values({"sensors.0.delay": 0.01}), "p")
     with pytest.raises(ExportError, match="cannot begin"):
         c_plant(load_rig("template"), "P")
-
-
-def test_the_command(tmp_path: Path) -> None:
-    done = CliRunner().invoke(
-        app, ["export-c", "template", "--home", "1 deg", "--out", str(tmp_path / "c")]
-    )
-    assert done.exit_code == 0, done.output
-    assert "home" in (tmp_path / "c" / "template_adaptive.h").read_text()

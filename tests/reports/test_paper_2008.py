@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,6 @@ import pytest
 from distal.errors import OutputError
 from distal.reports.paper_2008 import GROUPS, reproduce, steps
 from distal.reports.paper_2008.page import FIGURES
-
-
-def test_the_figures_of_the_paper_have_names() -> None:
-    assert list(FIGURES) == ["figure-2", "figure-3", "figure-4", "figure-5"]
 
 
 @pytest.mark.slow
@@ -42,14 +37,10 @@ def test_reproduce(tmp_path: Path) -> None:
     assert errors["ekf"] <= 0.45
     page = (folder / "index.html").read_text()
     assert page.count("<svg") == 5
-    text = re.sub(r"<(script|style|svg).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
-    assert not re.search(r"\bC1?[0-9]\b|as printed|as observed", text)
-    assert "http" not in page.replace("http://www.w3.org", "").replace(
-        "http://purl.org", ""
-    ).replace("http://creativecommons.org", "").replace("https://matplotlib.org", "")
-    for i in range(2, 6):
-        assert (folder / f"figure-{i}.png").stat().st_size > 10_000
-        assert (folder / f"figure-{i}.svg").read_text().startswith("<?xml")
+    assert list(FIGURES) == [f"figure-{i}" for i in range(2, 6)]
+    for name in FIGURES:
+        assert (folder / f"{name}.png").stat().st_size > 10_000
+        assert (folder / f"{name}.svg").read_text().startswith("<?xml")
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:

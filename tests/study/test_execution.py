@@ -4,9 +4,6 @@ off.
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -17,18 +14,12 @@ from distal.errors import Content, OutputError, StudyError
 from distal.logs import outputs
 from distal.study import Plan, open_folder, run_study, space_of
 from distal.study.runs import Columns
-from tests.study.plans import RAW, small
+from tests.study.plans import small
 
 pytest.importorskip("pyarrow")
 
 MANY = 50
 """Designs of a study of several chunks: with two seeds 24 of them are one."""
-
-
-LONG = 250
-"""Designs of a study that still runs when a signal comes after its first rows, also beside other
-load.
-"""
 
 
 def changes(designs: int) -> dict[str, object]:
@@ -55,11 +46,6 @@ def assert_same(one: Columns, other: Columns) -> None:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Columns:
     return rows(many(), tmp_path_factory.mktemp("whole"))
-
-
-@pytest.fixture(scope="module")
-def long(tmp_path_factory: pytest.TempPathFactory) -> Columns:
-    return rows(many(LONG), tmp_path_factory.mktemp("long"))
 
 
 def test_a_study_that_was_stopped_goes_on(whole: Columns, tmp_path: Path) -> None:
@@ -118,51 +104,6 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(OutputError, match="No space left on device"):
         run_study(plan, space_of(plan), folder, 1)
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]
-
-
-COMMAND = """
-from distal.cli.app import main
-main()
-"""
-
-
-def command(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", COMMAND, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # a shell may run tests with SIGINT ignored, which is inherited
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-
-
-@pytest.mark.more  # within a process: the first test; a command: tests/journeys/test_matrix.py
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
-def test_a_command_that_is_killed_goes_on(
-    how: signal.Signals, long: Columns, tmp_path: Path
-) -> None:
-    import tomlkit
-
-    (tmp_path / "mine.toml").write_text(tomlkit.dumps({**RAW, **changes(LONG)}))
-    out = tmp_path / "out"
-    begun = command("study", str(tmp_path / "mine.toml"), "--out", str(out), "--workers", "2")
-    until(lambda: any((out / "rows").glob("*.parquet")) if out.exists() else False)
-    begun.send_signal(how)
-    _, said = begun.communicate(timeout=60)
-    assert begun.returncode == (-9 if how is signal.SIGKILL else 130)
-    if how is not signal.SIGKILL:
-        assert said.strip().splitlines()[-1] == "stopped"
-    assert len(list((out / "rows").iterdir())) < LONG * 2 // 48
-    assert_same(rows(many(LONG), out), long)
-
-
-def until(there: object, seconds: float = 90.0) -> None:
-    assert callable(there)
-    end = time.monotonic() + seconds
-    while not there():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def test_other_processes_of_the_caller_go_on() -> None:

@@ -9,13 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal import estimate, load_rig, simulate
-from distal.errors import StudyError
-from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.filter_function import adaptive_function
-from distal.kernels import Kernel
+from distal import estimate, simulate
 from distal.results import Estimate
-from distal.run import samples_of
 from distal.study.design_space import built_values, draws_of, rig_of, scores, space_of
 from distal.study.runs import _SPACES, Task, run_chunk, run_tasks
 from tests.study.plans import small, still
@@ -36,31 +31,6 @@ def test_a_run_is_a_simulation_of_the_plant_and_an_estimate_with_the_rig() -> No
     assert alone.truths is not None
     np.testing.assert_allclose(found.truths, alone.truths, atol=1e-12)
     np.testing.assert_allclose(found.angles, alone.angles, atol=1e-7)
-
-
-def test_rigs_that_differ_in_numbers_share_a_kernel() -> None:
-    """What it gives is what a kernel of its own would."""
-    base = load_rig("paper-2008-observed").with_values({"joints.link.initial": "-25 deg"})
-    known = AdaptiveFilter(base)
-    changes = {
-        "tendons.*.stiffness": 500.0,
-        "sensors.u1.noise": 0.25,
-        "tendons.left.insertion.radius": "10 mm",
-    }
-    other = base.with_values({**changes, "joints.link.friction.coefficient.std": 0.05})
-    log = simulate(other, small(duration="0.3 s").scenarios[0], 2)
-    taken = AdaptiveFilter(other)
-    assert taken.kernel is known.kernel
-    found = estimate(log, other, taken)
-    alone = Kernel(adaptive_function(taken.states), False)
-    start = taken.initial(log.time[0], samples_of(log, taken.channels)[0])
-    rows, _ = taken.checked_rows(start, log.time, samples_of(log, taken.channels))
-    kernel_states, _ = alone.scan(start.kernel_state, rows, taken.parameters)
-    np.testing.assert_allclose(found.angles[:, 0], kernel_states[:, 0], atol=1e-12)
-    assert np.abs(estimate(log, other, known).angles - found.angles).max() > 1e-4
-    # load cells so bad that they do not see the friction of the sliders: there are fewer states
-    fewer = AdaptiveFilter(base.with_values({"sensors.u1.noise": 3.0}))
-    assert fewer.kernel is not known.kernel
 
 
 def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_path: Path) -> None:
@@ -128,11 +98,3 @@ def test_a_closed_loop_is_asked_for_its_reference(monkeypatch: pytest.MonkeyPatc
     assert command < 1.2 * encoder
     assert ratio > 2.0 * encoder
     assert rows["met"] == [True, True, False, True]
-    with pytest.raises(
-        StudyError, match=r"vary\.feedback: no scenario of the study has a \[control\] table"
-    ):
-        space_of(small(vary={"feedback": ["encoder"]}))
-    with pytest.raises(
-        StudyError, match=r"vary\.feedback: unknown 'encodr'; did you mean 'encoder'\?"
-    ):
-        space_of(small(vary={"feedback": ["encodr"]}))

@@ -11,13 +11,12 @@ quasi-static: exact for motions of some hertz.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal import Log, Rig
-from distal.rig import build_rig
+from distal import Log, Rig, load_rig
 
 Floats = NDArray[np.float64]
 
@@ -109,72 +108,7 @@ def finger_log(seed: int, duration: float = DURATION) -> Log:
 
 def finger_rig() -> Rig:
     """Return the rig file that somebody would write who has a calliper and data sheets."""
-    raw: dict[str, Any] = {
-        "name": "finger with a Bowden cable",
-        "joints": [
-            {
-                "name": "finger",
-                "inertia": "3e-5 kg m^2",
-                "damping": "1e-3 N m s",
-                "initial": {"value": 0.0, "std": "10 deg"},
-                "spring": {
-                    "stiffness": {"value": 0.04, "std": 0.008},
-                    "rest_angle": {"value": -0.1, "std": 0.1},
-                },
-                "friction": {
-                    "coefficient": {"value": 0.15, "std": 0.08},
-                    "radius": "1.5 mm",
-                    "preload": "1 N",
-                },
-            }
-        ],
-        "drives": [
-            {
-                "name": "motor",
-                "kind": "capstan",
-                "inertia": "1e-4 kg m^2",
-                "radius": {"value": "8 mm", "std": "0.2 mm"},
-                "friction": {
-                    "constant": {"value": "4e-3 N m", "std": "2e-3 N m"},
-                    "load": {"value": 0.05, "std": 0.05},
-                },
-            }
-        ],
-        "tendons": [
-            {
-                "name": "flexor",
-                "joint": "finger",
-                "drive": "motor",
-                "side": 1,
-                "insertion": {"kind": "pulley", "radius": {"value": "9 mm", "std": "0.5 mm"}},
-                "stiffness": {"value": "8e3 N/m", "std": "30 %"},
-                "damping": "1 N s/m",
-                "pretension": {"value": "1 N", "std": "1 N"},
-            }
-        ],
-        "sensors": [
-            {
-                "name": "motor_angle",
-                "measures": "position",
-                "of": "motor",
-                "unit": "rad",
-                "rate": RATE,
-                "noise": "0.05 deg",
-                "resolution": "0.176 deg",
-                "bias": {"value": 0.0, "std": "3 deg"},
-            },
-            {
-                "name": "motor_torque",
-                "measures": "force",
-                "of": "motor",
-                "unit": "N m",
-                "rate": RATE,
-                "noise": "1.5e-3 N m",
-                "resolution": "5e-4 N m",
-            },
-        ],
-    }
-    return build_rig(raw, "finger")
+    return load_rig(Path(__file__).with_name("finger.toml"))
 
 
 @cache
@@ -231,68 +165,4 @@ def hand_log(seed: int, duration: float = DURATION) -> Log:
 
 def hand_rig() -> Rig:
     """Return the rig file that somebody would write for the joint with two motors."""
-    drives, tendons, sensors = [], [], []
-    for name, side in (("flexor", 1), ("extensor", -1)):
-        drives.append(
-            {
-                "name": name,
-                "kind": "capstan",
-                "inertia": "1e-4 kg m^2",
-                "radius": "10 mm",
-                "friction": {
-                    "constant": {"value": "0.01 N m", "std": "5e-3 N m"},
-                    "load": {"value": 0.05, "std": 0.05},
-                },
-            }
-        )
-        tendons.append(
-            {
-                "name": f"{name}_rope",
-                "joint": "knuckle",
-                "drive": name,
-                "side": side,
-                "insertion": {"kind": "pulley", "radius": {"value": "12 mm", "std": "0.4 mm"}},
-                "stiffness": {"value": "1e4 N/m", "std": "25 %"},
-                "damping": "2 N s/m",
-                "pretension": {"value": "1 N", "std": "1 N"},
-            }
-        )
-        sensors += [
-            {
-                "name": f"{name}_angle",
-                "measures": "position",
-                "of": name,
-                "unit": "rad",
-                "rate": RATE,
-                "noise": "3e-4 rad",
-                "bias": {"value": 0.0, "std": "2 deg"},
-            },
-            {
-                "name": f"{name}_torque",
-                "measures": "force",
-                "of": name,
-                "unit": "N m",
-                "rate": RATE,
-                "noise": "4e-3 N m",
-            },
-        ]
-    raw: dict[str, Any] = {
-        "name": "joint with two motors",
-        "joints": [
-            {
-                "name": "knuckle",
-                "inertia": "5e-5 kg m^2",
-                "damping": "2e-3 N m s",
-                "initial": {"value": 0.0, "std": "20 deg"},
-                "friction": {
-                    "coefficient": {"value": 0.15, "std": 0.08},
-                    "radius": "2 mm",
-                    "preload": "1 N",
-                },
-            }
-        ],
-        "drives": drives,
-        "tendons": tendons,
-        "sensors": sensors,
-    }
-    return build_rig(raw, "hand")
+    return load_rig(Path(__file__).with_name("hand.toml"))

@@ -9,16 +9,16 @@ joints are quasi-static with dry friction of their own; cables are of `tests/sup
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from math import cos, exp, pi, sin, sqrt
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distal import Log, Rig
+from distal import Log, Rig, load_rig
 from distal.logs import FROM_SENSOR, TruthSource
-from distal.rig import build_rig
 from tests.support.cable import Cable
 
 Floats = NDArray[np.float64]
@@ -136,84 +136,7 @@ def bowden_rig() -> Rig:
     """Return the rig file of somebody with a calliper, data sheets and the list of a rig file's
     options.
     """
-    raw: dict[str, Any] = {
-        "name": "finger with a Bowden cable",
-        "joints": [
-            {
-                "name": "finger",
-                "inertia": "3e-5 kg m^2",
-                "damping": "2e-3 N m s",
-                "initial": {"value": "5 deg", "std": "10 deg"},
-                "stops": ["0 deg", "83 deg"],
-                "stop_stiffness": "6 N m/rad",
-                "friction": {
-                    "coefficient": {"value": 0.2, "std": 0.1},
-                    "radius": "1.5 mm",
-                    "preload": "2 N",
-                },
-                "extension_spring": {
-                    "stiffness": {"value": "320 N/m", "std": "10 %"},
-                    "free_length": "16.5 mm",
-                    "radius": "8 mm",
-                    "distance": "24 mm",
-                    "line_angle": {"value": "-43 deg", "std": "3 deg"},
-                    "preload": {"value": "0.5 N", "std": "0.2 N"},
-                },
-            }
-        ],
-        "drives": [
-            {
-                "name": "motor",
-                "kind": "capstan",
-                "inertia": "1e-4 kg m^2",
-                "radius": "8 mm",
-                "damping": {"value": "2e-3 N m s", "std": "1e-3 N m s"},
-                "friction": {"constant": {"value": "5e-3 N m", "std": "3e-3 N m"}},
-                "cogging": {
-                    "periods": 350,
-                    "cosine": {"value": 0.0, "std": "3e-3 N m"},
-                    "sine": {"value": 0.0, "std": "3e-3 N m"},
-                },
-            }
-        ],
-        "tendons": [
-            {
-                "name": "flexor",
-                "joint": "finger",
-                "drive": "motor",
-                "side": 1,
-                "insertion": {"kind": "pulley", "radius": {"value": "9.3 mm", "std": "0.4 mm"}},
-                "stiffness": {"value": "7e3 N/m", "std": "25 %"},
-                "slack": {"value": "0.4 mm", "std": "0.2 mm"},
-                "path": {"friction": {"value": 0.1, "std": 0.04}, "wrap": "3 rad", "nodes": 2},
-            }
-        ],
-        "sensors": [
-            {
-                "name": "motor",
-                "measures": "position",
-                "of": "motor",
-                "rate": RATE,
-                "resolution": 2 * pi / COUNTS / GEAR,
-            },
-            {
-                "name": "current",
-                "measures": "force",
-                "of": "motor",
-                "rate": RATE,
-                "noise": "2e-3 N m",
-            },
-            {
-                "name": "encoder",
-                "measures": "angle",
-                "of": "finger",
-                "rate": RATE,
-                "noise": "0.03 deg",
-                "bias": {"value": 0.0, "std": "0.2 deg"},
-            },
-        ],
-    }
-    return build_rig(raw, "finger")
+    return load_rig(Path(__file__).with_name("bowden.toml"))
 
 
 ROPE = {"arm": 11e-3, "spool": 9e-3, "stiffness": 8000.0, "gap": np.deg2rad(0.5)}
@@ -221,6 +144,55 @@ CREEP = {"share": 0.35, "time": 45.0}
 """2 % a minute of a stretch of some tenths of a millimetre would not show; of the load's share,
 this is what ropes do.
 """
+
+
+class RopesPlant:
+    """A joint at rest between two ropes that creep, with backlash between encoders and spools.
+
+    Args:
+        wound: angles of the motors [rad], by which each draws its rope in.
+        step: time between moves [s].
+        gap: of the backlash [rad].
+        stiffness: of the ropes [N/m].
+        dry: factor on the joint's friction.
+    """
+
+    def __init__(
+        self,
+        wound: Sequence[float],
+        step: float,
+        gap: float = ROPE["gap"],
+        stiffness: float = ROPE["stiffness"],
+        dry: float = 1.0,
+    ) -> None:
+        self.gap, self.stiffness, self.dry = gap, stiffness, dry
+        self.fade = exp(-step / CREEP["time"])
+        self.behind, self.strain = list(wound), [1.5e-4, 1.5e-4]
+        self.angle = (wound[0] - wound[1]) / 2 * ROPE["spool"] / ROPE["arm"]
+
+    def pulls(self) -> list[float]:
+        """Return the tensions of flexor and extensor."""
+        turned = ROPE["arm"] * self.angle
+        ends = [ROPE["spool"] * self.behind[0] - turned, ROPE["spool"] * self.behind[1] + turned]
+        return [self.stiffness * max(end - strain, 0.0) for end, strain in zip(ends, self.strain)]
+
+    def move(self, wound: Sequence[float]) -> list[float]:
+        """Turn the motors; the joint comes to rest at once. Return the tensions, from which the
+        ropes creep.
+        """
+        half, arm = self.gap / 2, ROPE["arm"]
+        self.behind = [min(max(b, w - half), w + half) for b, w in zip(self.behind, wound)]
+        for _ in range(8):
+            pulls = self.pulls()
+            net = arm * (pulls[0] - pulls[1]) - 0.02 * sin(self.angle)
+            friction = self.dry * (0.002 + 2e-4 * sum(pulls))
+            left = max(net - friction, 0.0) + min(net + friction, 0.0)
+            taut = sum(pull > 0.0 for pull in pulls)
+            self.angle += left / (taut * self.stiffness * arm**2 + 0.02)
+        pulls = self.pulls()
+        aims = [CREEP["share"] * pull / self.stiffness for pull in pulls]
+        self.strain = [self.fade * s + (1 - self.fade) * aim for s, aim in zip(self.strain, aims)]
+        return pulls
 
 
 @cache
@@ -234,45 +206,26 @@ def ropes_log(seed: int, kind: str, duration: float = DURATION) -> Log:
             mean[a:b] = mean[a]
         kernel = np.hanning(41)
         mean = np.convolve(np.pad(mean, 20, mode="edge"), kernel / kernel.sum(), mode="valid")
-    squeeze = 0.09 + 0.03 * np.sin(2 * pi * 0.06 * np.arange(len(mean)) / RATE + rng.uniform(0, 6))
-    motors = {"flexor": mean + squeeze, "extensor": -mean + squeeze}
-    sides, arm, spool = {"flexor": 1.0, "extensor": -1.0}, ROPE["arm"], ROPE["spool"]
-    behind = {name: float(values[0]) for name, values in motors.items()}
-    strain, half = {"flexor": 1.5e-4, "extensor": 1.5e-4}, ROPE["gap"] / 2
-    angle, angles = float(mean[0]) * spool / arm, np.empty(len(mean))
-    cells = {name: np.empty(len(mean)) for name in motors}
-    fade = exp(-1 / RATE / CREEP["time"])
-    for k in range(len(mean)):
-        for name, values in motors.items():
-            behind[name] = min(max(behind[name], values[k] - half), values[k] + half)
-
-        def pull(name: str, at: float) -> float:
-            return ROPE["stiffness"] * max(
-                spool * behind[name] - sides[name] * arm * at - strain[name], 0.0
-            )
-
-        for _ in range(8):
-            net = arm * (pull("flexor", angle) - pull("extensor", angle)) - 0.02 * sin(angle)
-            friction = 0.002 + 2e-4 * (pull("flexor", angle) + pull("extensor", angle))
-            left = max(net - friction, 0.0) + min(net + friction, 0.0)
-            taut = sum(pull(name, angle) > 0.0 for name in motors)
-            angle += left / (taut * ROPE["stiffness"] * arm**2 + 0.02)
-        for name in motors:
-            cells[name][k] = pull(name, angle)
-            aim = CREEP["share"] * cells[name][k] / ROPE["stiffness"]
-            strain[name] = fade * strain[name] + (1 - fade) * aim
-        angles[k] = angle
-    measured: dict[str, Floats] = {}
-    for name in motors:
-        measured[f"{name}_angle"] = motors[name] * sides[name] + 1e-4 * rng.normal(size=len(mean))
-        gain = {"flexor": 1.01, "extensor": 0.99}[name]
-        measured[f"{name}_cell"] = gain * cells[name] + 0.03 * rng.normal(size=len(mean))
     time = np.arange(len(mean)) / RATE
-    theta = angles + np.deg2rad(0.03) * rng.normal(size=len(mean))
+    squeeze = 0.09 + 0.03 * np.sin(2 * pi * 0.06 * time + rng.uniform(0, 6))
+    wound = np.column_stack([mean + squeeze, squeeze - mean])
+    plant, angles, cells = (
+        RopesPlant(wound[0].tolist(), 1 / RATE),
+        list[float](),
+        list[list[float]](),
+    )
+    for row in wound.tolist():
+        cells.append(plant.move(row))
+        angles.append(plant.angle)
+    measured: dict[str, Floats] = {}
+    for i, (name, side, gain) in enumerate((("flexor", 1, 1.01), ("extensor", -1, 0.99))):
+        measured[f"{name}_angle"] = side * wound[:, i] + 1e-4 * rng.normal(size=len(mean))
+        cell = np.array(cells)[:, i]
+        measured[f"{name}_cell"] = gain * cell + 0.03 * rng.normal(size=len(mean))
     return Log(
         time,
         measured,
-        {"theta": theta},
+        {"theta": angles + np.deg2rad(0.03) * rng.normal(size=len(mean))},
         f"ropes {kind} {seed}",
         FROM_SENSOR if kind == "calibration" else PLANT,
     )
@@ -280,73 +233,4 @@ def ropes_log(seed: int, kind: str, duration: float = DURATION) -> Log:
 
 def ropes_rig() -> Rig:
     """Return the rig file for the joint with two motors."""
-    drives, tendons, sensors = [], [], []
-    for name, side in (("flexor", 1), ("extensor", -1)):
-        drives.append(
-            {
-                "name": name,
-                "kind": "capstan",
-                "inertia": "1e-4 kg m^2",
-                "radius": "9 mm",
-                "backlash": {"width": {"value": "0.5 deg", "std": "0.2 deg"}},
-            }
-        )
-        tendons.append(
-            {
-                "name": f"{name}_rope",
-                "joint": "knuckle",
-                "drive": name,
-                "side": side,
-                "insertion": {"kind": "pulley", "radius": {"value": "11 mm", "std": "0.2 mm"}},
-                "stiffness": {"value": "8.5e3 N/m", "std": "15 %"},
-                "creep": {
-                    "share": {"value": 0.3, "std": 0.15},
-                    "time": {"value": "60 s", "std": "20 s"},
-                },
-            }
-        )
-        sensors += [
-            {
-                "name": f"{name}_angle",
-                "measures": "position",
-                "of": name,
-                "rate": RATE,
-                "noise": "1e-4 rad",
-            },
-            {
-                "name": f"{name}_cell",
-                "measures": "tension",
-                "of": f"{name}_rope",
-                "rate": RATE,
-                "noise": "0.03 N",
-                "gain": {"value": 1.0, "std": "1 %"},
-            },
-        ]
-    encoder = {
-        "name": "encoder",
-        "measures": "angle",
-        "of": "knuckle",
-        "rate": RATE,
-        "noise": "0.03 deg",
-    }
-    raw: dict[str, Any] = {
-        "name": "joint with two motors",
-        "joints": [
-            {
-                "name": "knuckle",
-                "inertia": "5e-5 kg m^2",
-                "damping": "2e-3 N m s",
-                "initial": {"value": 0.0, "std": "40 deg"},
-                "friction": {
-                    "coefficient": {"value": 0.15, "std": 0.08},
-                    "radius": "2 mm",
-                    "preload": "5 N",
-                },
-                "spring": {"stiffness": {"value": "0.02 N m/rad", "std": "0.01 N m/rad"}},
-            }
-        ],
-        "drives": drives,
-        "tendons": tendons,
-        "sensors": [*sensors, encoder],
-    }
-    return build_rig(raw, "ropes")
+    return load_rig(Path(__file__).with_name("ropes.toml"))

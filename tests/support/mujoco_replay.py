@@ -4,15 +4,15 @@ no code with distal, with the rig that has its true numbers.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from distal import Rig
+from distal import Rig, load_rig
 from distal.bridges.mujoco import Tendons, to_mjcf
-from distal.rig import build_rig
 from tests.support.servo_hands import STEP, Drawn, orca_like
 
 Floats = NDArray[np.float64]
@@ -130,42 +130,28 @@ def stranger(seed: int, duration: float) -> tuple[Rig, Motion]:
 
 def true_rig(d: Drawn) -> Rig:
     """Return the rig of a drawn hand of one joint."""
-    weight, arm = float(d.weight[0, 0]), float(d.arms[0, 0, 0])
-    joint = {
-        "name": "mcp",
-        "inertia": 1e-5,
-        "damping": 1e-3,
-        "stops": [d.low[0, 0], d.high[0, 0]],
-        "stop_stiffness": 25.0,
-        "stop_damping": 0.02,
-        "spring": {"stiffness": d.spring[0, 0], "rest_angle": d.rest[0, 0]},
-        "gravity": {
+    weight, arm, axle = float(d.weight[0, 0]), float(d.arms[0, 0, 0]), d.axle[0, 0]
+    values: dict[str, object] = {
+        "joints.0.stops": [d.low[0, 0], d.high[0, 0]],
+        "joints.0.spring": {"stiffness": d.spring[0, 0], "rest_angle": d.rest[0, 0]},
+        "joints.0.gravity": {
             "mass": abs(weight) / 9.80665,
             "distance": 1.0,
             "hanging_angle": 0.0 if weight > 0 else np.pi,
         },
-        "friction": {
-            "coefficient": d.axle[0, 0],
+        "joints.0.friction": {
+            "coefficient": axle,
             "radius": arm,
-            "preload": d.dry[0, 0] / (d.axle[0, 0] * arm),
+            "preload": d.dry[0, 0] / (axle * arm),
         },
+        "tendons.*.insertion.radius": arm,
+        "drives.0.radius": d.spools[0, 0, 0],
     }
-    tendons = []
-    for t, side in enumerate((1, -1)):
-        slack, stiffness = float(d.slack[0, t]), float(d.stiffness[0, t])
-        loose = {"slack": slack} if slack > 0 else {"pretension": -slack * stiffness}
-        tendons.append(
-            {
-                "name": f"tendon{t}",
-                "joint": "mcp",
-                "drive": "motor",
-                "side": side,
-                "insertion": {"kind": "pulley", "radius": arm},
-                "stiffness": stiffness,
-                "path": {"friction": d.sheath[0, t], "wrap": 1.0, "nodes": 1},
-                **loose,
-            }
-        )
-    drive = {"name": "motor", "kind": "capstan", "radius": d.spools[0, 0, 0], "inertia": 2e-4}
-    raw = {"name": "a hand", "joints": [joint], "drives": [drive], "tendons": tendons}
-    return build_rig(raw, "hand")
+    for t, (slack, stiffness) in enumerate(zip(d.slack[0].tolist(), d.stiffness[0].tolist())):
+        loose = ("slack", slack) if slack > 0 else ("pretension", -slack * stiffness)
+        values |= {
+            f"tendons.{t}.{loose[0]}": loose[1],
+            f"tendons.{t}.stiffness": stiffness,
+            f"tendons.{t}.path.friction": d.sheath[0, t],
+        }
+    return load_rig(Path(__file__).with_name("servo_joint.toml")).with_values(values)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from distal import Rig
-from distal.rig import build_rig
-from tests.support.one_link import DAMPING, INERTIA, RADIUS, RATE, STIFFNESS
+from distal import Rig, load_rig
 
 NOISE = {"x1": 5e-6, "x2": 5e-6, "u1": 0.05, "u2": 0.05}
 """Of the sensors [m, N]; the encoder's is 0.05°."""
@@ -121,55 +118,8 @@ PARTS = (
 
 def rig_of(part: Part, value: float | None = None) -> Rig:
     """Return the rig with what is not known of a part, or with its true number and no std."""
-    sensors = [
-        {
-            "name": name,
-            "measures": "position" if name[0] == "x" else "force",
-            "of": side,
-            "noise": NOISE[name],
-            "rate": RATE,
-        }
-        for name, side in (("x1", "left"), ("u1", "left"), ("x2", "right"), ("u2", "right"))
-    ]
-    encoder = {
-        "name": "encoder",
-        "measures": "angle",
-        "of": "link",
-        "noise": np.deg2rad(0.05),
-        "rate": RATE,
-    }
-    tendons = [
-        {
-            "name": side,
-            "joint": "link",
-            "drive": side,
-            "side": sign,
-            "insertion": {"kind": "pulley", "radius": RADIUS},
-            "stiffness": STIFFNESS,
-        }
-        for side, sign in (("left", 1), ("right", -1))
-    ]
-    drives = [
-        {"name": side, "kind": "slider", "mass": 0.05, "nominal_force": 2.0}
-        for side in ("left", "right")
-    ]
-    joint = {
-        "name": "link",
-        "inertia": INERTIA,
-        "damping": DAMPING,
-        "initial": {"value": 0.0, "std": 0.1},
-    }
-    rig = build_rig(
-        {
-            "name": part.name,
-            "joints": [joint],
-            "drives": drives,
-            "tendons": tendons,
-            "sensors": [*sensors, encoder],
-        },
-        part.name,
-    ).with_values(part.fixed)
     known = (
         {"value": part.value, "std": part.std} if value is None else {"value": value, "std": 0.0}
     )
-    return rig.with_values({part.path: known})
+    rig = load_rig(Path(__file__).with_name("link.toml"))
+    return rig.with_values({"name": part.name, **part.fixed}).with_values({part.path: known})

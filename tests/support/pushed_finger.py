@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from distal import Log, Rig, simulate
-from distal.rig import build_rig
+from distal import Log, Rig, load_rig, simulate
 from distal.simulation import build_scenario
 
 PUSH = 0.07
@@ -16,61 +16,7 @@ PUSH = 0.07
 
 def finger_rig() -> Rig:
     """Return a finger between two tendons with load cells, as its user knows it."""
-    drives, tendons, sensors = [], [], []
-    for name, side in (("flexor", 1), ("extensor", -1)):
-        drives.append(
-            {
-                "name": name,
-                "kind": "slider",
-                "mass": "50 g",
-                "damping": "2 kg/s",
-                "nominal_force": {"value": 6.0, "std": 3.0},
-                "friction": {"load": {"value": 0.02, "std": 0.01}},
-            }
-        )
-        tendons.append(
-            {
-                "name": name,
-                "joint": "finger",
-                "drive": name,
-                "side": side,
-                "damping": "0.5 N s/m",
-                "insertion": {"kind": "pulley", "radius": "9 mm"},
-                "stiffness": {"value": "5e3 N/m", "std": "10 %"},
-            }
-        )
-        sensors += [
-            {
-                "name": f"x_{name}",
-                "measures": "position",
-                "of": name,
-                "noise": "5 um",
-                "linearity": "0.03 mm",
-                "rate": 200.0,
-            },
-            {"name": f"u_{name}", "measures": "force", "of": name, "noise": "0.1 N", "rate": 200.0},
-        ]
-    raw: dict[str, Any] = {
-        "name": "finger with load cells",
-        "joints": [
-            {
-                "name": "finger",
-                "inertia": "3e-5 kg m^2",
-                "damping": "1e-3 N m s",
-                "initial": {"value": 0.0, "std": "5 deg"},
-                "friction": {
-                    "coefficient": {"value": 0.15, "std": 0.05},
-                    "radius": "1.5 mm",
-                    "preload": "2 N",
-                },
-                "external_torque": {"std": "0.03 N m", "correlation_time": "1 s"},
-            }
-        ],
-        "drives": drives,
-        "tendons": tendons,
-        "sensors": sensors,
-    }
-    return build_rig(raw, "finger")
+    return load_rig(Path(__file__).with_name("pushed_finger.toml"))
 
 
 def finger(seed: int, duration: float, pushed: float | None) -> tuple[Log, Rig]:
