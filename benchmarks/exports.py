@@ -18,7 +18,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from tests.export.replay import replay_program
+from tests.export.helpers import replay_program
 from tests.fuzzing.rigs import changed
 from tests.support.drawn_rigs import drawn_rig
 from tools.lab.plant_source import c_plant

@@ -22,6 +22,7 @@ from distal import (
     Log,
     Rig,
     estimate,
+    load_rig,
     load_scenario,
     make_estimator,
     scenario_rig,
@@ -33,6 +34,7 @@ from distal.codegen.number_types import CALLED
 from distal.export import Exported, c_filter
 from distal.kernels import find_compiler
 from distal.logs import write_log
+from distal.simulation import Scenario, build_scenario
 
 SEEDS = 4
 
@@ -47,11 +49,55 @@ def nudged(log: Log) -> Log:
     return Log(log.time, channels, log.truth, log.source, log.truth_source)
 
 
+def cases() -> list[tuple[str, Rig, Scenario]]:
+    """Return rigs to measure, and what moves them."""
+    made = []
+    for name in ("paper-2008-printed", "pulley-antagonist", "capstan-joint", "da-vinci-grasper"):
+        if name == "paper-2008-printed":
+            scenario = load_scenario("series-2")
+        else:
+            servo = {
+                "angle": {"amplitude": 0.5, "frequency": 0.4},
+                "stiffness": 20.0,
+                "damping": 0.3,
+            }
+            pull = {"weight": {"mean": "3 N", "amplitude": "1 N", "frequency": "0.5 Hz"}}
+            drives = (
+                {"left": pull, "right": {"weight": "3 N"}}
+                if name == "pulley-antagonist"
+                else {"motor": {"servo": servo}}
+            )
+            scenario = build_scenario({"rig": name, "duration": 4.0, "drives": drives}, name)
+        made.append((name, scenario_rig(scenario), scenario))
+    return [*made, *chains()]
+
+
+def chains() -> list[tuple[str, Rig, Scenario]]:
+    """Return chains of joints, and what moves them."""
+    made = [
+        (name, scenario_rig(scenario), scenario)
+        for name, scenario in (
+            ("wrist-instrument", load_scenario("wrist")),
+            ("finger-2n", load_scenario("finger")),
+        )
+    ]
+    rig = load_rig("finger-n-plus-1")
+    drives = {}
+    for k, drive in enumerate(rig.drives):
+        position = {"amplitude": "2 mm" if k % 2 else "-2 mm", "frequency": "0.4 Hz"}
+        drives[drive.name] = {
+            "force": "10 N",
+            "servo": {"position": position, "stiffness": 5000.0, "damping": 10.0},
+        }
+    described = {"rig": "finger-n-plus-1", "duration": 4.0, "drives": drives}
+    return [*made, ("finger-n-plus-1", rig, build_scenario(described, "finger-n-plus-1"))]
+
+
 def float_errors() -> None:
     """Compare the float filters with double precision on the shipped scenarios, compiled for this
     machine.
     """
-    from tests.export.test_export import build, replayed
+    from tests.export.helpers import build, replayed
 
     errors: dict[str, list[float]] = {}
     changes: dict[str, list[float]] = {}
@@ -159,7 +205,7 @@ def against_casadi() -> None:
     """Compare the emitter with CasADi's generator: the same functions, compiler, flags and
     frame.
     """
-    from tests.export.test_microcontroller import cases, measure
+    from tests.export.test_microcontroller import measure
 
     rows = []
     for rig_name, rig, scenario in cases():
@@ -212,7 +258,7 @@ def main() -> None:
 
 def sizes() -> None:
     """Measure flash, RAM, instructions and the error of the exported filters."""
-    from tests.export.test_microcontroller import cases, measure
+    from tests.export.test_microcontroller import measure
 
     rows = []
     for rig_name, rig, scenario in cases():

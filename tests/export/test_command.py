@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import ctypes
-import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from distal import LiveInverse, Rig, load_rig, simulate
-from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
-from distal.export.c_source import c_command, c_filter
 from distal.inverse.goal_gate import USUAL
-from tests.export.helpers import CC, missing_tools, shared_library
-from tests.export.test_microcontroller import cases, measure
-
-needs_compiler = pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")
+from distal.run import samples_of
+from tests.export.helpers import needs_compiler, shared_library
 
 GLUE = """
 #include "f_command.h"
@@ -45,13 +39,34 @@ def built(rig: Rig, tmp_path: Path, single: bool) -> ctypes.CDLL:
     return shared_library({**texts, "glue.c": GLUE}, tmp_path, strict)
 
 
+def commanded(
+    rig: Rig, folder: Path, single: bool, time: np.ndarray, *rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the codes of commands in C, and positions, speeds and forces, (samples, 3, drives).
+
+    Args:
+        rows: samples, desired angles, and whether estimates are trusted.
+    """
+    real, library = np.float32 if single else np.float64, built(rig, folder, single)
+    found, codes = np.zeros((len(time), 3, len(rig.drives)), dtype=real), []
+    for dt, made, sample, desired, trusted in zip(
+        np.diff(time, prepend=time[0]), found, *(np.asarray(each, dtype=real) for each in rows)
+    ):
+        arrays = (ctypes.c_void_p(array.ctypes.data) for array in (sample, desired, made))
+        sample_at, desired_at, made_at = arrays
+        code = library.commanded(ctypes.c_double(dt), sample_at, desired_at, int(trusted), made_at)
+        assert code == 0
+        codes.append(library.code_of_command())
+    return np.array(codes), found
+
+
 @needs_compiler
 @pytest.mark.parametrize(
     ("name", "scenario", "single", "near"),
     [
-        ("paper-2008-observed", "series-2", False, 1e-9),
         ("paper-2008-observed", "series-2", True, 2e-5),
-        pytest.param("finger-2n", "finger", False, 1e-9, marks=pytest.mark.slow),
+        ("finger-2n", "finger", False, 1e-9),
+        ("paper-2008-observed", "series-2", False, 1e-9),
     ],
 )
 def test_c_says_what_python_says(
@@ -61,33 +76,20 @@ def test_c_says_what_python_says(
     not trusted.
     """
     rig = load_rig(name)
-    call = built(rig, tmp_path, single).commanded
-    real = np.float32 if single else np.float64
-    log = simulate(rig, scenario)
-    inverse = LiveInverse(rig, compiled=False)
-    samples = np.column_stack([log.channels[channel] for channel in inverse.channels])[:60]
+    log, inverse = simulate(rig, scenario).select(slice(0, 60)), LiveInverse(rig, compiled=False)
+    samples, nj = samples_of(log, inverse.channels), len(inverse.joints)
     samples[20:25, 0] = np.nan
-    drives, out = len(rig.drives), np.zeros(3 * len(rig.drives), dtype=real)
-    for k, sample in enumerate(samples):
-        desired = (
-            np.full(len(inverse.joints), 0.2 + 0.1 * np.sin(0.1 * k))
-            if k % 7
-            else np.full(len(inverse.joints), np.nan)
-        )
-        expected = inverse.step(float(log.time[k] - log.time[0]), desired, sample)
-        arrays = [np.ascontiguousarray(part, dtype=real) for part in (sample, desired)]
-        trusted = expected.reading.health not in ("bad", "dead")
-        dt = 0.0 if k == 0 else float(log.time[k] - log.time[k - 1])
-        pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-        assert (
-            call(ctypes.c_double(dt), *pointers, int(trusted), ctypes.c_void_p(out.ctypes.data))
-            == 0
-        )
-        np.testing.assert_allclose(out[:drives], expected.positions, rtol=0, atol=near)
-        np.testing.assert_allclose(
-            out[drives : 2 * drives], expected.speeds, rtol=0, atol=near * 500
-        )
-        np.testing.assert_allclose(out[2 * drives :], expected.forces, rtol=0, atol=near * 5000)
+    desired = np.tile(0.2 + 0.1 * np.sin(0.1 * np.arange(60))[:, None], nj)
+    desired[::7] = np.nan
+    known = [
+        inverse.step(float(time - log.time[0]), want, sample)
+        for time, want, sample in zip(log.time, desired, samples)
+    ]
+    trusted = np.array([one.reading.health not in ("bad", "dead") for one in known])
+    _, found = commanded(rig, tmp_path, single, log.time, samples, desired, trusted)
+    for k, (what, scale) in enumerate((("positions", 1), ("speeds", 500), ("forces", 5000))):
+        expected = [getattr(one, what) for one in known]
+        np.testing.assert_allclose(found[:, k], expected, rtol=0, atol=near * scale)
 
 
 @needs_compiler
@@ -95,31 +97,19 @@ def test_c_sends_nothing_before_drives_are_read_and_stands_where_they_are_lost(
     tmp_path: Path,
 ) -> None:
     rig = load_rig("paper-2008-observed")
-    library, inverse = built(rig, tmp_path, False), LiveInverse(rig, compiled=False)
-    log, drives = simulate(rig, "series-2"), len(rig.drives)
-    samples = np.column_stack([log.channels[channel] for channel in inverse.channels])[:200]
-    moving = next(sensor.of for sensor in rig.sensors_of("position"))
-    at = next(i for i, drive in enumerate(rig.drives) if drive.name == moving)
-    channel = inverse.channels.index(rig.sensors_of("position")[0].name)
-    samples[0, channel] = np.nan
-    samples[100:160, channel] = np.nan
-    dt, rows, codes = float(log.time[1] - log.time[0]), [], []
-    for k, sample in enumerate(samples):
-        desired, out = np.array([0.3 * np.sin(0.05 * k)]), np.zeros(3 * drives)
-        pointers = [ctypes.c_void_p(part.ctypes.data) for part in (sample, desired)]
-        library.commanded(
-            ctypes.c_double(dt if k else 0.0), *pointers, 1, ctypes.c_void_p(out.ctypes.data)
-        )
-        codes.append(library.code_of_command())
-        rows.append(out)
-    positions = np.array(rows)[:, at]
+    log, inverse = simulate(rig, "series-2").select(slice(0, 200)), LiveInverse(rig, compiled=False)
+    samples, moving = samples_of(log, inverse.channels), rig.sensors_of("position")[0]
+    samples[np.r_[0, 100:160], inverse.channels.index(moving.name)] = np.nan
+    desired = 0.3 * np.sin(0.05 * np.arange(200))[:, None]
+    codes, found = commanded(rig, tmp_path, False, log.time, samples, desired, np.ones(200))
+    positions = found[:, 0, rig.drive_names.index(moving.of)]
     assert codes[0] == 2
-    assert np.isnan(rows[0]).all()
-    lost_for = round(USUAL.oldest / dt)
-    assert codes[1 : 100 + lost_for - 1] == [0] * (98 + lost_for)
-    assert codes[100 + lost_for + 1 : 160] == [1] * (59 - lost_for)
-    assert np.ptp(positions[100 + lost_for + 1 : 160]) == 0.0
-    assert codes[160:] == [0] * 40
+    assert np.isnan(found[0]).all()
+    lost = 100 + round(USUAL.oldest / (log.time[1] - log.time[0]))
+    assert not codes[1 : lost - 1].any()
+    assert codes[lost + 1 : 160].all()
+    assert np.ptp(positions[lost + 1 : 160]) == 0.0
+    assert not codes[160:].any()
     assert np.abs(np.diff(positions[1:])).max() < 3 * np.abs(np.diff(positions[1:100])).max()
 
 
@@ -127,47 +117,3 @@ def test_commands_are_for_adaptive(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="commands are by the state of adaptive"):
         export_c(load_rig("paper-2008"), tmp_path, "inextensible", command=True)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {missing_tools()}")
-def test_on_a_cortex_m4f_a_step_takes_few_instructions(tmp_path: Path) -> None:
-    """Filter and commands in one step, less the filter alone: 30,000 instructions are allowed for
-    one joint.
-    """
-    name, rig, scenario = cases()[0]
-    made = c_filter(rig, "adaptive", True, "filter")
-    command = c_command(rig, "command", "filter", Plain(single=True))
-    body = command.header.replace('#include "filter.h"\n', "") + command.source.replace(
-        '#include "command.h"\n', ""
-    )
-    # in one file: names of its own for what both have
-    for shared in {
-        word
-        for word in re.findall(r"static [^(;={]*?(\w+)[(\[]", body)
-        if re.search(rf"\b{word}\b", made.source)
-    }:
-        body = re.sub(rf"\b{shared}\b", f"own_{shared}", body)
-    first, *rest = made.source.split("int filter_step(")
-    both = (
-        f"{first}int filter_alone(filter_state* state, float dt, const float* values, "
-        f"filter_output* out);\n{body}"
-    )
-    both += "static command_state commanding;\nint filter_alone(" + "int filter_step(".join(rest)
-    both += """
-int filter_step(filter_state* state, float dt, const float* values, filter_output* out) {
-  static const float wanted[COMMAND_JOINTS] = {0.1f};
-  static command_output commands;
-  const int code = filter_alone(state, dt, values, out);
-  command_step(&commanding, state, dt, values, out, wanted, 1, &commands);
-  return code;
-}
-"""
-    means = []
-    for k, one in enumerate((made, replace(made, source=both))):
-        folder = tmp_path / str(k)
-        folder.mkdir()
-        means.append(measure(rig, scenario, "adaptive", folder, one)[0].instructions[0])
-    print(f"{name}: filter {means[0]:,.0f}, commands {means[1] - means[0]:,.0f} instructions")
-    assert 0 < means[1] - means[0] < 30_000

@@ -12,7 +12,6 @@ from distal import (
     Log,
     Monitor,
     Rig,
-    at_known_angle,
     estimate,
     homing_filter,
     load_scenario,
@@ -22,9 +21,9 @@ from distal import scenario_rig as rig_of
 from distal.errors import EstimationError, ExportError
 from distal.estimators import first_values
 from distal.export import c_filter
-from distal.logs import write_columns
+from distal.rig import angle_names
 from distal.run import samples_of
-from tests.export.test_export import build, needs_compiler, replayed
+from tests.export.helpers import build, needs_compiler, stepped
 from tests.learned_maps import with_drawn
 
 WINDOW = 0.5
@@ -59,16 +58,11 @@ def test_live_as_over_a_log(name: str) -> None:
     to 1e-6.
     """
     rig, log = case(name, "3 s")
-    identified, homed = log, rig
-    for joint in reversed(rig.joints):
-        identified, homed = at_known_angle(identified, homed, WINDOW, 0.0, STD, joint.name)
     nj = len(rig.joints)
     known = np.where(log.time[:, None] < WINDOW, np.zeros(nj), np.nan)
     live, angles, stds = homed_rows(rig, log, known)
     homing = homing_filter(rig, STD)
-    read = samples_of(log, homing.channels[:-nj])
-    samples = np.column_stack([read, np.column_stack(list(identified.truth.values()))[:, :nj]])
-    samples[log.time >= WINDOW, -nj:] = np.nan
+    samples = np.column_stack([samples_of(log, homing.channels[:-nj]), known])
     means, covariances, *_ = homing.scan(
         homing.initial(0.0, first_values(samples)), log.time, samples
     )
@@ -91,41 +85,27 @@ def test_live_as_over_a_log(name: str) -> None:
     ],
 )
 def test_in_c_as_live(name: str, is_mapped: bool, tmp_path: Path) -> None:
-    """The replay with a column that says where each joint stands: at the beginning, and once more
-    later. Learned maps are conditioned on it.
+    """Told where each joint stands at the beginning, and once more later. Learned maps are
+    conditioned on it.
     """
     rig, log = case(name, "3 s")
     rig = with_drawn(rig) if is_mapped else rig
-    made = c_filter(rig, home=STD)
-    homes = made.estimator.channels[len(made.estimator.channels) - len(rig.joints) :]
-    assert homes == (
-        ("home",) if len(rig.joints) == 1 else tuple(f"home_{joint.name}" for joint in rig.joints)
-    )
-    truth = np.column_stack([log.truth[key] for key in list(log.truth)[: len(rig.joints)]])
+    made, nj = c_filter(rig, home=STD), len(rig.joints)
+    read, homes = made.estimator.channels[:-nj], made.estimator.channels[-nj:]
+    assert homes == (("home",) if nj == 1 else tuple(f"home_{name}" for name in rig.joint_names))
+    truth = np.column_stack([log.truth[key] for key in angle_names(rig.joint_names)])
     known = (log.time < WINDOW) | ((log.time > 2.0) & (log.time < 2.3))
     at = np.where(known[:, None], truth, np.nan)
-    _, angles, live_stds = homed_rows(rig, log, at)
-    expected = np.stack([angles, live_stds], axis=2).reshape(len(log), -1)
-    from distal.rig import log_factor
-
-    sensors = {sensor.name: sensor for sensor in rig.sensors}
-    columns = {rig.log.time.column: log.time / (1e-3 if rig.log.time.unit == "ms" else 1.0)}
-    for channel in made.estimator.channels[: -len(homes)]:
-        own = sensors[channel]
-        columns[own.log_column] = own.sign * log.channels[channel] / log_factor(own)
-    columns |= {channel: at[:, j] for j, channel in enumerate(homes)}
-    write_columns(columns, tmp_path / "log.csv")
-    rows = replayed(build(made, tmp_path, "-O2"), tmp_path / "log.csv")
-    np.testing.assert_allclose(rows[:, 1 : 1 + 2 * len(homes)], expected, atol=1e-9)
-    # again against a stop: the band shrinks, and it is right
+    _, angles, stds = homed_rows(rig, log, at)
+    samples = np.column_stack([samples_of(log, read), at])
+    steps = np.diff(log.time, prepend=log.time[0])
+    rows = np.vstack([first_values(samples), samples])
+    found = stepped(build(made, tmp_path, "-O2"), steps, rows).fields[:, : 2 * nj]
+    np.testing.assert_allclose(found[:, ::2], angles, atol=1e-9)
+    np.testing.assert_allclose(found[:, 1::2], stds, atol=1e-9)
+    # again against a stop: the band shrinks
     before, after = np.searchsorted(log.time, [1.99, 2.29])
-    stds = slice(2, 2 + 2 * len(homes), 2)
-    assert np.all(rows[after, stds] < rows[before, stds])
-    # a log need not have the column
-    write_columns(
-        {key: each for key, each in columns.items() if key not in homes}, tmp_path / "plain.csv"
-    )
-    assert len(replayed(tmp_path / "replay", tmp_path / "plain.csv")) == len(log)
+    assert np.all(stds[after] < stds[before])
 
 
 def test_a_known_angle_is_never_missing() -> None:

@@ -19,6 +19,7 @@ from distal.rig import Rig, build_rig
 from distal.rig.components import Polynomial
 from distal.simulation import build_scenario
 from tests.helpers import finite_difference
+from tests.model.helpers import At, look
 
 FINGER = "finger-n-plus-1"
 
@@ -118,47 +119,31 @@ def test_inertia_and_bias_are_those_of_another_package(rig: Rig) -> None:
 
 
 def test_torques_are_inertia_times_acceleration_and_bias() -> None:
-    mechanism = Mechanism(spatial_rig())
-    q, v = bodies(mechanism)
-    a = ca.SX.sym("a", 3)
-    chain = mechanism.chain
-    assert chain is not None
-    difference = (
-        chain.torques(q, v, a)
-        - chain.torques(q, v, ca.SX(3, 1))
-        - ca.mtimes(chain.mass_matrix(q), a)
-    )
-    found = ca.Function("difference", [q, v, a, mechanism.parameters.symbols], [difference])
     rng = np.random.default_rng(1)
     for _ in range(10):
-        left = found(
-            rng.normal(size=6),
-            rng.normal(size=6),
-            rng.normal(size=3) * 100,
-            mechanism.parameters.values,
-        )
-        assert np.abs(np.array(left)).max() < 1e-15
+        a = ca.DM(rng.normal(size=3) * 100)
+        torques, bias, inertia = look(
+            spatial_rig(),
+            lambda m, q, v: [
+                m.chain.torques(q, v, a),  # noqa: B023
+                m.chain.torques(q, v, ca.SX(3, 1)),
+                ca.mtimes(m.chain.mass_matrix(q), a),  # noqa: B023
+            ],
+        )(rng.normal(size=6), rng.normal(size=6))
+        assert np.abs(torques - bias - inertia).max() < 1e-15
 
 
 def test_a_turned_base_turns_gravity() -> None:
     """Rolled by 90° about x, the finger's axes stand upright: gravity no longer bends it."""
     flat = load_rig(FINGER)
     turned = flat.with_values({"base.orientation": ["90 deg", "0 deg", "0 deg"]})
-    loads = []
-    for rig in (flat, turned):
-        mechanism = Mechanism(rig)
-        assert mechanism.chain is not None
-        torque = mechanism.chain.torques(ca.SX.zeros(7), ca.SX.zeros(7), ca.SX.zeros(3))
-        loads.append(
-            np.array(
-                ca.Function("g", [mechanism.parameters.symbols], [torque])(
-                    mechanism.parameters.values
-                )
-            )
-        )
+    loads = [
+        look(rig, lambda m, q, v: [m.chain.torques(q, v, ca.SX.zeros(3))])([])[0]
+        for rig in (flat, turned)
+    ]
     # flexion turns down, so that gravity flexes: the torque that holds the finger is negative
     weight = 9.80665 * (0.015 * 0.0225 + 0.008 * 0.0575 + 0.005 * 0.08)
-    assert loads[0][0, 0] == pytest.approx(-weight, rel=1e-12)
+    assert loads[0][0] == pytest.approx(-weight, rel=1e-12)
     assert np.abs(loads[1]).max() < 1e-15
 
 
@@ -170,15 +155,18 @@ def test_a_free_chain_moves_as_in_another_simulator() -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
     bare = {"friction": None, "damping": 0.0, "stops": None}
     rig = changed(FINGER, joints=bare, tendons={"slack": 50.0})
-    model = mujoco.MjModel.from_xml_string(_mjcf(rig))
+    from distal.bridges.mujoco import to_mjcf
+
+    model = mujoco.MjModel.from_xml_string(to_mjcf(rig))
+    model.opt.timestep, model.opt.integrator = 5e-5, mujoco.mjtIntegrator.mjINT_RK4
     data = mujoco.MjData(model)
     start, speeds = np.array([0.3, 0.5, 0.2]), np.array([3.0, -6.0, 8.0])
-    data.qpos[:], data.qvel[:] = start, speeds
+    data.qpos[:3], data.qvel[:3] = start, speeds
     for _ in range(10_000):
         mujoco.mj_step(model, data)
     errors = []
     for count in (5, 10, 20):
-        errors.append(np.abs(_swing(rig, start, speeds, count) - data.qpos).max())
+        errors.append(np.abs(_swing(rig, start, speeds, count) - data.qpos[:3]).max())
     assert np.rad2deg(errors[-1]) < 0.02
     assert 3.5 < errors[0] / errors[1] < 4.5
     assert 3.5 < errors[1] / errors[2] < 4.5
@@ -197,34 +185,6 @@ def _swing(rig: Rig, start: Sequence[float], speeds: Sequence[float], count: int
             for x in step(q, v, still, still, np.zeros((n, 3)), 0.01, mechanism.parameters.values)
         )
     return q[:3]
-
-
-def _mjcf(rig: Rig) -> str:
-    inside, ends = "", ""
-    for joint in rig.joints:
-        link = joint.link
-        assert link is not None
-        position, centre, axis, inertia = (
-            " ".join(map(repr, vector))
-            for vector in (joint.offset, link.centre, joint.axis, link.inertia)
-        )
-        # a body needs some inertia about its long axis, which nothing here turns
-        inertia = (
-            inertia.replace("0.0 ", f"{link.inertia[1]!r} ", 1)
-            if inertia.startswith("0.0")
-            else inertia
-        )
-        inside += (
-            f"<body pos='{position}'><joint type='hinge' axis='{axis}' "
-            f"armature='{joint.inertia.value!r}'/>"
-        )
-        inside += f"<inertial pos='{centre}' mass='{link.mass.value!r}' diaginertia='{inertia}'/>"
-        ends += "</body>"
-    options = (
-        "<option timestep='5e-5' gravity='0 0 -9.80665' integrator='RK4'/><compiler "
-        "balanceinertia='true'/>"
-    )
-    return f"<mujoco>{options}<worldbody>{inside}{ends}</worldbody></mujoco>"
 
 
 def test_a_stuck_chain_does_not_creep() -> None:
@@ -367,17 +327,8 @@ def polynomial(
     return {"kind": "polynomial", "joints": list(joints), "terms": terms, "range": bounds}
 
 
-def lengths(rig: Rig) -> Any:
-    mechanism = Mechanism(rig)
-    q, _ = bodies(mechanism)
-    both = [mechanism.elongations(q), mechanism.length_jacobian(q)]
-    function = ca.Function("lengths", [q, mechanism.parameters.symbols], both)
-    return lambda *angles: [
-        np.array(part)
-        for part in function(
-            np.append(angles, np.zeros(mechanism.n_drives)), mechanism.parameters.values
-        )
-    ]
+def lengths(rig: Rig) -> At:
+    return look(rig, lambda m, q, v: [m.elongations(q), m.length_jacobian(q)[2, :]])
 
 
 def with_crossings(crossings: list[dict[str, Any]]) -> Rig:
@@ -392,16 +343,14 @@ def test_a_polynomial_goes_on_straight_outside_its_range() -> None:
     """
     terms = [{"powers": [1, 0], "coefficient": 8e-3}, {"powers": [2, 1], "coefficient": 1e-3}]
     rig = with_crossings([polynomial(terms, [(-0.5, 1.0), (-0.5, 1.5)])])
-    look = lengths(rig)
-    inside, slopes = look(0.4, 0.6)
-    assert inside[2, 0] == pytest.approx(-(8e-3 * 0.4 + 1e-3 * 0.4**2 * 0.6), rel=1e-12)
-    np.testing.assert_allclose(
-        slopes[2, :2], [-(8e-3 + 2e-3 * 0.4 * 0.6), -1e-3 * 0.4**2], rtol=1e-12
-    )
-    (edge, _), (beyond, outside) = look(1.0, 0.6), look(3.0, 0.6)
+    at = lengths(rig)
+    inside, slopes = at([0.4, 0.6])
+    assert inside[2] == pytest.approx(-(8e-3 * 0.4 + 1e-3 * 0.4**2 * 0.6), rel=1e-12)
+    np.testing.assert_allclose(slopes[:2], [-(8e-3 + 2e-3 * 0.4 * 0.6), -1e-3 * 0.4**2], rtol=1e-12)
+    (edge, _), (beyond, outside) = at([1.0, 0.6]), at([3.0, 0.6])
     arm = 8e-3 + 2e-3 * 1.0 * 0.5
-    np.testing.assert_allclose(outside[2, :2], [-arm, -1e-3], rtol=1e-12)
-    assert beyond[2, 0] - edge[2, 0] == pytest.approx(-2.0 * arm, rel=1e-9)
+    np.testing.assert_allclose(outside[:2], [-arm, -1e-3], rtol=1e-12)
+    assert beyond[2] - edge[2] == pytest.approx(-2.0 * arm, rel=1e-9)
     assert rig.tendons[2].arms({"mcp": 0.4, "pip": 0.6}) == pytest.approx(
         {"mcp": 8e-3 + 2e-3 * 0.24, "pip": 1.6e-4}
     )
@@ -413,10 +362,10 @@ def test_a_tendon_may_end_at_a_pin_after_a_pulley() -> None:
         {"joint": "mcp", "kind": "pulley", "radius": "7 mm", "side": 1},
         {"joint": "pip", "kind": "pinned", "radius": "6 mm", "free_length": "80 mm", "side": 1},
     ]
-    look = lengths(with_crossings(crossings))
+    at = lengths(with_crossings(crossings))
     one, two = 0.5, 0.9
     along = 0.08 - 7e-3 * one - 6e-3 * np.sin(two)
-    assert look(one, two)[0][2, 0] == pytest.approx(
+    assert at([one, two])[0][2] == pytest.approx(
         np.hypot(6e-3 * (1 - np.cos(two)), along) - 0.08, rel=1e-12
     )
 

@@ -18,6 +18,7 @@ from distal.errors import RigError
 from distal.model import Mechanism, stiffest_frequency
 from distal.model.tendon_tensions import Bounds, Sheath, _equal_tensions, balanced, gap
 from distal.simulation import build_scenario
+from tests.model.helpers import look
 from tests.support.cable import Cable
 
 K, MU, WRAP = 2000.0, 0.2, 1.8
@@ -198,13 +199,12 @@ def test_the_far_side_of_a_loose_drive_is_held_by_its_sheathed_cable() -> None:
 
 
 def test_a_damped_cable_in_its_sheath_pulls_more_at_both_ends_as_it_is_stretched() -> None:
-    mechanism = sheathed(**{"tendons.0.damping": 7.0})
-    q, v, p = ca.SX.sym("q", 3), ca.SX.sym("v", 3), mechanism.parameters.symbols
-    pulls = mechanism.pulls(q, v)
-    function = ca.Function("pulls", [q, v, p], [pulls.joint, pulls.drive])
-    at = [0.0, 1e-3, 0.0], mechanism.parameters.values
-    still, moving = (np.array(function(at[0], [0.0, speed, 0.0], at[1])) for speed in (0.0, 0.2))
-    assert moving[:, 0] - still[:, 0] == pytest.approx(np.full((2, 1), 1.4))
+    at = look(
+        sheathed(**{"tendons.0.damping": 7.0}),
+        lambda m, q, v: [m.pulls(q, v).joint, m.pulls(q, v).drive],
+    )
+    still, moving = (np.array(at([0.0, 1e-3], [0.0, speed])) for speed in (0.0, 0.2))
+    assert moving[:, 0] - still[:, 0] == pytest.approx([1.4, 1.4])
     assert moving[:, 1] == pytest.approx(still[:, 1])
 
 
@@ -345,10 +345,8 @@ def test_backlash_of_a_drive() -> None:
 
 
 def torque_at(rig: Rig, angle: float, positions: list[float]) -> float:
-    mechanism = Mechanism(rig)
-    q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
-    function = ca.Function("f", [q, mechanism.parameters.symbols], [mechanism.pulls(q, v).forces])
-    return float(function([angle, *positions], mechanism.parameters.values)[0])
+    at = look(rig, lambda m, q, v: [m.pulls(q, v).forces])
+    return float(at([angle, *positions])[0][0])
 
 
 @given(st.floats(-0.2, 0.2))
@@ -372,14 +370,10 @@ def test_cogging_repeats_as_the_motor_turns() -> None:
     """Expected torque of a motor at rest: what its tendons pull less cogging."""
     cogging = {"periods": 7, "cosine": 0.003, "sine": -0.002}
     rig = load_rig("capstan-joint").with_values({"drives.0.cogging": cogging})
-    mechanism = Mechanism(rig)
-    q = ca.SX.sym("q", mechanism.n_bodies)
-    function = ca.Function("f", [q, mechanism.parameters.symbols], [mechanism.passive_forces(q)])
+    at = look(rig, lambda m, q, v: [m.passive_forces(q)])
     for turned in (0.0, 0.3, 1.1):
-        own = float(function([0.2, turned], mechanism.parameters.values)[1])
-        assert own == pytest.approx(
-            0.003 * np.cos(7 * turned) - 0.002 * np.sin(7 * turned), abs=1e-12
-        )
+        expected = 0.003 * np.cos(7 * turned) - 0.002 * np.sin(7 * turned)
+        assert at([0.2, turned])[0][1] == pytest.approx(expected, abs=1e-12)
 
 
 def test_nobody_who_forgets_is_in_the_middle() -> None:
@@ -394,9 +388,7 @@ def test_nobody_who_forgets_is_in_the_middle() -> None:
     )
     mechanism = Mechanism(rig)
     assert not mechanism.parameters.inside
-    q, v = ca.SX.sym("q", 3), ca.SX.zeros(3)
-    function = ca.Function("T", [q, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
-    tensions = np.array(function([0.0, 4e-3, 3e-3], mechanism.parameters.values)).ravel()
+    (tensions,) = look(mechanism, lambda m, q, v: [m.tensions(q, v)])([0.0, 4e-3, 3e-3])
     assert tensions == pytest.approx([806.0 * 4e-3, 806.0 * 3e-3 / 1.5], rel=1e-9)
 
 
@@ -432,18 +424,11 @@ def test_slopes_of_a_point_of_a_stiffening_cable(
     derivatives = np.array(function(near, far)[1]).ravel()
     step = 1e-6 * pretension / stiffness
     # away from bends, where both sides of a difference are alike
-    sides = [
-        float(function(near + a, far + b)[0]) - float(function(near, far)[0])
-        for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
-    ]
+    here, (up, down) = float(function(near, far)[0]), np.array([(step, 0.0), (0.0, step)])
+    sides = [float(function(near + a, far + b)[0]) - here for a, b in (up, -up, down, -down)]
     assume(abs(sides[0] + sides[1]) + abs(sides[2] + sides[3]) < 1e-3 * step)
-    assert derivatives == pytest.approx(
-        [
-            float(function(near + a, far + b)[0] - function(near - a, far - b)[0]) / (2 * step)
-            for a, b in ((step, 0.0), (0.0, step))
-        ],
-        abs=1e-4,
-    )
+    differences = [(sides[0] - sides[1]) / (2 * step), (sides[2] - sides[3]) / (2 * step)]
+    assert derivatives == pytest.approx(differences, abs=1e-4)
 
 
 def test_a_search_for_equal_tensions_ends_within_its_steps() -> None:

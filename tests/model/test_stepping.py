@@ -188,6 +188,15 @@ def test_order_of_the_step_between_the_kinks(paper_rig: Rig) -> None:
     assert np.all(orders < 2.4)
 
 
+def test_a_spring_swings_as_its_stiffness_and_inertia_say(paper_rig: Rig) -> None:
+    bare = {"joints.0.friction": None, "joints.0.damping": 0.0, "joints.0.spring.stiffness": 0.5}
+    slack = {f"tendons.{i}.slack": 1.0 for i in (0, 1)}
+    rig = without_stops(paper_rig).with_values({**bare, **slack})
+    motion = Stepper(rig, 15).run(np.zeros((50, 3)), np.array([0.1, 0.0, 0.0]))
+    turned = np.sqrt(0.5 / NaiveRig().inertia) * DT * np.arange(1, 51)
+    np.testing.assert_allclose(motion[:, 0], 0.1 * np.cos(turned), atol=1e-4)
+
+
 def test_joint_stops_hold_the_link(paper_rig: Rig) -> None:
     rig = without_stops(paper_rig).with_values({"joints.0.stops": ["-10 deg", "10 deg"]})
     motion = Stepper(rig).run(load_steps(), START)
