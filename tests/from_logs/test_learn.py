@@ -76,3 +76,31 @@ def test_learn_writes_what_it_says(logs: list[Path], tmp_path: Path) -> None:
     result = distal.estimate(log, rig)
     assert result.rms_error() < 0.01
     assert result.inside_band() > 0.8
+
+
+@pytest.mark.filterwarnings("ignore::distal.DistalWarning")
+@pytest.mark.parametrize(
+    ("ends", "stays"), [(KeyboardInterrupt(), True), (distal.errors.FitError("no motion"), False)]
+)
+def test_what_is_known_before_the_fit_is_a_file(
+    ends: BaseException,
+    stays: bool,
+    logs: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It can be used at once, and stays where the user ends the fit; of logs that cannot be fitted
+    there is none.
+    """
+    out = tmp_path / "finger.toml"
+    first = list[distal.Rig]()
+
+    def fit(*_: object, **__: object) -> None:
+        first.append(distal.load_rig(out))
+        raise ends
+
+    monkeypatch.setattr("distal.fitting.fit", fit)
+    run("learn", *logs, "--out", out)
+    assert out.exists() == stays
+    result = distal.estimate(distal.read_log(LOGS / "unseen.csv", first[0]), first[0])
+    assert result.inside_band() > 0.9

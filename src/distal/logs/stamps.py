@@ -203,7 +203,7 @@ def is_date(text: str) -> bool:
     try:
         float(text)
     except ValueError:
-        return len(text) >= 8 and text[:4].isdigit()
+        return re.match(r"\d{4}([-/.]|\d{4}[T ])", text) is not None
     return False
 
 
