@@ -232,7 +232,7 @@ class Weights:
         return [of_group[group] for group in groups]
 
     @classmethod
-    def _summed(cls, shape: Shape, prior: Prior, terms: Sequence[Told]) -> Weights:
+    def _summed(cls, shape: Shape, prior: Prior, terms: Sequence[LogTerms]) -> Weights:
         shared, of_log = _variances(shape, prior)
         information = np.diag(1.0 / shared)
         score = np.zeros(len(shared))
@@ -319,13 +319,13 @@ class Weights:
         return later.target - later.phi @ after.mean, spread + noise + after._variance_beside(later)
 
 
-Told: TypeAlias = tuple[Floats, Floats]
+LogTerms: TypeAlias = tuple[Floats, Floats]
 """What a log tells of the shared weights b: its term of their information, (n, n), and that of the
 score, (n,).
 """
 
 
-def _terms(shape: Shape, prior: Prior, log: Evidence) -> Told:
+def _terms(shape: Shape, prior: Prior, log: Evidence) -> LogTerms:
     """Return what a log tells of the shared weights, whatever those are that it draws anew."""
     _, of_log = _variances(shape, prior)
     n = len(of_log)
