@@ -124,6 +124,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.one_map --seeds 2
 	$(BIN)/python -m benchmarks.fit_command lacking --rigs 60 --candidates
 	$(BIN)/python -m benchmarks.searches
+	$(BIN)/python -m benchmarks.likelihood_power
 	$(BIN)/python -m benchmarks.strangers.drawn --processes 2
 	$(BIN)/python -m benchmarks.strangers.lacking --rigs 40 --processes 2
 	$(BIN)/python -m benchmarks.strangers.rough

@@ -13,7 +13,7 @@ from benchmarks.paper_search import (
     margins_of,
     plant_of,
 )
-from distal.reports.paper_2008.page import (
+from distal.reports.paper_2008 import (
     PLANTS,
     SERIES_1,
     Measure,

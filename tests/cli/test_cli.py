@@ -353,7 +353,7 @@ for _ in range(500):
     time.sleep(0.01)
 """
     ran = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
-    assert ran.stderr.rstrip().endswith("KeyboardInterrupt")
+    assert "KeyboardInterrupt" in ran.stderr
     assert ran.returncode == -signal.SIGINT
 
 

@@ -13,8 +13,7 @@ import pytest
 
 from distal import load_rig
 from distal.confidence import BAND
-from distal.control import PID, ClosedLoop, plot_control, trackings_of
-from distal.control.closed_loop import allocated
+from distal.control import PID, ClosedLoop, allocated, plot_control, trackings_of
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.run import Reading

@@ -34,7 +34,7 @@ def test_stiffness_friction_and_damping_are_found(rig: Rig, seed: int) -> None:
     for name, value in zip(FREE, true):
         part = found[name]
         assert abs(part.value - value) < 3.0 * part.error, name
-        assert part.variance_reduction > 0.5, name  # the logs tell more than the prior
+        assert part.error < value / 3.0, name  # and it is worth something
     assert found.converged
     assert not found.interrupted
     assert found.rig.tendons[0].stiffness.value == pytest.approx(found[FREE[0]].value, rel=1e-6)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from distal.errors import OutputError
-from distal.reports.paper_2008 import GROUPS, reproduce, steps
-from distal.reports.paper_2008.page import FIGURES
+from distal.reports.paper_2008 import FIGURES, GROUPS, reproduce, steps
 
 
 @pytest.mark.slow

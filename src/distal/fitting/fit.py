@@ -633,13 +633,13 @@ def fit(
             "camera or a temporary encoder"
         )
     judged = _judged_at(found_lag, read, rig, options, progress)
-    if found_lag and lag is None and not judged.interrupted:
+    if found_lag == 0.0 or lag is not None:
+        judged = with_terms(judged, progress)
+    elif not judged.interrupted:
         # what looks late to the readings may be inertia, which the filter knows
-        on_time = _judged_at(0.0, read, rig, options, progress)
-        if on_time.error < judged.error:
-            judged = on_time
-            found_lag = 0.0
-    judged = with_terms(judged, progress)
+        on_time = with_terms(_judged_at(0.0, read, rig, options, progress), progress)
+        found_lag = found_lag if judged.error <= on_time.error else 0.0
+        judged = with_terms(judged, progress) if found_lag else on_time
     read = list(judged.logs)
     measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
     learned = _followed(judged, read)

@@ -21,8 +21,13 @@ from distal import (
 )
 from distal.errors import DistalWarning, EstimationError
 from distal.estimators import make_estimator
-from distal.estimators.paper_2008 import FullStateFilter, paper_noise, rig_noise
-from distal.estimators.paper_2008.full_state import predict_covariance, update
+from distal.estimators.paper_2008 import (
+    FullStateFilter,
+    paper_noise,
+    predict_covariance,
+    rig_noise,
+    update,
+)
 from tests.helpers import rms_degrees
 from tests.support.linear import linear_log, linear_model, linear_rig
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from distal import Rig, load_rig
-from distal.estimators.paper_2008.full_state import tangent_step
+from distal.estimators.paper_2008 import tangent_step
 from distal.model import Mechanism, substeps
 from tests.helpers import finite_difference, without_stops
 from tests.model.test_stepping import DT, START, Stepper

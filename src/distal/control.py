@@ -1,4 +1,16 @@
-"""The shipped controllers of joints' angles: a PID whose torques the moment arms turn into commands
+"""A controller in the loop with a simulated rig and an estimator, and how well a joint keeps to its
+reference.
+
+In: a rig and a control scenario; out: what the joint did, and its error to the reference, with an
+encoder, the estimate or displacements fed back. A command acts one period after the sample that it
+is computed from.
+
+    import distal
+
+    scenario = distal.load_scenario("control-paper")
+    print(distal.closed_loop(distal.scenario_rig(scenario), scenario, seed=1))
+
+The shipped controllers of joints' angles: a PID whose torques the moment arms turn into commands
 of the drives, and the rig's inverse, which adds the forces that the reference's own motion needs.
 
 A simulated plant that a controller drives: it goes on by one period at a time and gives what its

@@ -282,8 +282,8 @@ class Statement:
 
 @lru_cache(maxsize=1)
 def statements() -> tuple[Statement, ...]:
-    """Return the paper's statements with the thresholds of `claims.toml`."""
-    described = tomllib.loads(resource("claims.toml", "distal.reports.paper_2008"))
+    """Return the paper's statements with the thresholds of `paper_2008_claims.toml`."""
+    described = tomllib.loads(resource("paper_2008_claims.toml", "distal.reports"))
     return TypeAdapter(tuple[Statement, ...]).validate_python(described["statements"])
 
 
