@@ -417,7 +417,7 @@ class Problem:
 
     power: ClassVar[float] = 0.5
     """Power of the likelihood beside the priors [1]: a filter's own states hold most of what its
-    rig lacks. Source: benchmark (python -m benchmarks.fitting: with 1 errors are 1.5 of their stds).
+    rig lacks. Source: benchmark (python -m benchmarks.fitting: errors are 1.5 stds with 1).
     """
 
     filter: FitFilter
