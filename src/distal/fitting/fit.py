@@ -638,8 +638,13 @@ def fit(
     elif not judged.interrupted:
         # what looks late to the readings may be inertia, which the filter knows
         on_time = with_terms(_judged_at(0.0, read, rig, options, progress), progress)
-        found_lag = found_lag if judged.error <= on_time.error else 0.0
-        judged = with_terms(judged, progress) if found_lag else on_time
+        if on_time.error < judged.error:
+            judged = on_time
+            found_lag = 0.0
+        elif on_time.interrupted:
+            judged = replace(judged, interrupted=True)
+        else:
+            judged = with_terms(judged, progress)
     read = list(judged.logs)
     measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
     learned = _followed(judged, read)
