@@ -641,10 +641,8 @@ def fit(
         if on_time.error < judged.error:
             judged = on_time
             found_lag = 0.0
-        elif on_time.interrupted:
-            judged = replace(judged, interrupted=True)
         else:
-            judged = with_terms(judged, progress)
+            judged = with_terms(replace(judged, interrupted=on_time.interrupted), progress)
     read = list(judged.logs)
     measured = {**servos_of(read, rig), **delays(read, rig, found_lag)}
     learned = _followed(judged, read)
