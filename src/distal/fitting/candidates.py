@@ -553,8 +553,7 @@ def judge(
     line = readings_map(training) if training.judges else None
     problem = problem_of(logs, rig, options)
     solutions = parameters_of(problem, options, progress)
-    stopped = solutions[-1].optimum.interrupted
-    judged = Judged(logs, training, line, solutions, (), stopped)
+    judged = Judged(logs, training, line, solutions, (), solutions[-1].optimum.interrupted)
     return judged if line is None else _judging(judged, _ways(training, solutions), progress)
 
 
@@ -565,10 +564,8 @@ def with_terms(judged: Judged, progress: Progress | None = None) -> Judged:
     if judged.line is None or judged.interrupted:
         return judged
     training = judged.training
-    options = training.options
-    alone = judged.solutions[0]
     try:
-        tried = tried_parts(judged.logs, training.rig, options, alone)
+        tried = tried_parts(judged.logs, training.rig, training.options, judged.solutions[0])
     except KeyboardInterrupt:
         return replace(judged, interrupted=True)
     ways = [

@@ -633,7 +633,7 @@ def fit(
             "camera or a temporary encoder"
         )
     judged = _judged_at(found_lag, read, rig, options, progress)
-    if found_lag == 0.0 or lag is not None:
+    if not found_lag or lag is not None:
         judged = with_terms(judged, progress)
     elif not judged.interrupted:
         # what looks late to the readings may be inertia, which the filter knows
