@@ -107,6 +107,15 @@ def test_columns_whose_names_say_nothing_are_passed_over_beside_named_ones() -> 
     assert found["y_b [wibble]"].role == "other"
 
 
+def test_a_joint_that_goes_ahead_of_another_is_no_command_of_it() -> None:
+    """The joints of an underactuated finger go alike, and one of them first."""
+    columns = finger(2)
+    first = columns["mcp_deg"]
+    columns["pip_deg"] = np.concatenate([np.full(10, first[0]), first[:-10]])
+    found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    assert found["mcp_deg"] == found["pip_deg"] == "angle"
+
+
 def polish(seed: int) -> dict[str, np.ndarray]:
     """Two motors and two joints in a language that no list has: angle, set angle and current of a
     motor (silnik), and the angle of a joint (staw).

@@ -220,13 +220,13 @@ class NameEvidence:
     @property
     def kind_of_name(self) -> tuple[object, ...]:
         """What it shares with columns of the same kind: what is measured and how many words there
-        are, else its words without numbers.
+        are, else its words without numbers and names of joints.
         """
         words = [word for word in self.subject.split("_") if word]
         return (
             (*self.quantity, len(words))
             if self.quantity
-            else tuple(w for w in words if w.isalpha())
+            else tuple(w for w in words if w.isalpha() and w not in KIND_OF)
         )
 
     @property

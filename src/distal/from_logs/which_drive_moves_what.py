@@ -146,10 +146,16 @@ def drive_structure(logs: Logs, drive: int, free: Sequence[int]) -> DriveStructu
     candidates = _candidates(folds, free)
     errors = {joints: _block_errors(folds, joints) for joints in candidates}
     best = min(errors, key=lambda joints: np.mean(errors[joints]))
-    near = [joints for joints in candidates if _is_within(errors[joints], errors[best])]
+    beyond = {joints: _standard_errors(errors[joints] - errors[best]) for joints in candidates}
+    # the simplest within one standard error (Breiman and others, 1984, section 3.4.3)
+    near = [joints for joints in candidates if beyond[joints] <= 1.0]
     chosen = min(near, key=lambda joints: (len(joints), np.mean(errors[joints])))
     chosen = _without_small(folds, chosen)
-    rivals = [joints for joints in near if len(joints) == len(chosen) and joints != chosen]
+    rivals = [
+        joints
+        for joints in candidates
+        if beyond[joints] <= WITHIN and len(joints) == len(chosen) and joints != chosen
+    ]
     return described(logs, drive, chosen, next(iter(rivals), ()))
 
 
@@ -243,11 +249,10 @@ def _error(folds: Folds, joints: Sequence[int]) -> float:
     return float(np.mean(_block_errors(folds, joints)))
 
 
-def _is_within(errors: Floats, least: Floats) -> bool:
-    """Return whether errors are within `WITHIN` standard errors of the least, in pairs."""
-    difference = errors - least
-    standard_error = np.std(difference) / np.sqrt(max(len(difference) - 1, 1))
-    return bool(np.mean(difference) <= WITHIN * standard_error)
+def _standard_errors(differences: Floats) -> float:
+    """Return the mean of differences of errors in pairs over its standard error; 0 of none."""
+    standard_error = np.std(differences) / np.sqrt(max(len(differences) - 1, 1))
+    return float(np.mean(differences) / max(standard_error, 1e-300))
 
 
 def _without_small(folds: Folds, joints: tuple[int, ...]) -> tuple[int, ...]:
