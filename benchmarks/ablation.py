@@ -45,7 +45,7 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "impossible positions": ("filter_context", "MOST_TRAVELS", 1e9),
     "joints settle": ("filter_context", "SETTLES", INF),
     "most sub-steps": ("filter_context", "MOST_JOINT_SUBSTEPS", 10**6),
-    "power of a lost position": ("guards", "STILL_LOST", 1),
+    "power of a lost position": ("guard_settings", "STILL_LOST", 1),
     "wandering": ("drive_tracking", "WANDERING", INF),
     "pull's std at a jump": ("drive_tracking", "PULL_STD", 0.0),
     "slow, one threshold": ("update", "SLOW_UNKNOWN", 60.0),
@@ -54,10 +54,10 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "slack pairs, (26b)": ("prediction", "slack_pairs", nothing),
     "force's std in slack pairs": ("prediction", "SURE", 0.0),
     "friction to a factor, joint_motion": ("joint_motion", "friction_stds", nothing),
-    "a sensor off, unknown": ("guards", "SHIFTED", 0.0),
-    "a sensor off, felt": ("guards", "SHIFTED_FELT", 0.0),
+    "a sensor off, unknown": ("guard_settings", "SHIFTED", 0.0),
+    "a sensor off, felt": ("guard_settings", "SHIFTED_FELT", 0.0),
     "far from the logs": ("drive_tracking", "NEAR", INF),
-    "zero: goes on": ("guards", "GOES_ON", INF),
+    "zero: goes on": ("guard_settings", "GOES_ON", INF),
     "usual time": ("touch", "USUAL_TIME", INF),
     "evidence time": ("touch", "EVIDENCE_TIME", 1e-6),
     "still": ("touch", "STILL", 0.5),
@@ -69,15 +69,15 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "speed at first": ("states", "START_SPEED", 1e-3),
     "position walks": ("states", "POSITION_WALK", 0.0),
     "calm effort": ("states", "CALM", 1e-3),
-    "dead time": ("guards.Robustness", "dead_time", 0.0),
-    "bend": ("guards.Robustness", "bend_share", 0.0),
-    "parameters walk": ("guards.Robustness", "parameter_walk", 0.0),
-    "angles walk": ("guards.Robustness", "angle_walk", 0.0),
-    "forces beyond friction": ("guards.Robustness", "beyond_time", 0.0),
-    "references": ("guards.Robustness", "reference_time", 0.0),
-    "persistence alone": ("guards.Robustness", "persistence_alone", 0.02),
-    "declared friction": ("guards.Robustness", "declared_friction", 0.0),
-    "unknown friction walks": ("guards.Robustness", "unknown_friction_walk", 0.0),
+    "dead time": ("guard_settings.Robustness", "dead_time", 0.0),
+    "bend": ("guard_settings.Robustness", "bend_share", 0.0),
+    "parameters walk": ("guard_settings.Robustness", "parameter_walk", 0.0),
+    "angles walk": ("guard_settings.Robustness", "angle_walk", 0.0),
+    "forces beyond friction": ("guard_settings.Robustness", "beyond_time", 0.0),
+    "references": ("guard_settings.Robustness", "reference_time", 0.0),
+    "persistence alone": ("guard_settings.Robustness", "persistence_alone", 0.02),
+    "declared friction": ("guard_settings.Robustness", "declared_friction", 0.0),
+    "unknown friction walks": ("guard_settings.Robustness", "unknown_friction_walk", 0.0),
 }
 """Rule → module of `distal.estimators.adaptive` (or its class), name, value without it."""
 
@@ -148,7 +148,7 @@ def changed(rule: str) -> None:
     where, name, value = RULES[rule]
     _, _, of = where.partition(".")
     if of == "Robustness":
-        kind = import_module("distal.estimators.adaptive.guards").Robustness
+        kind = import_module("distal.estimators.adaptive.guard_settings").Robustness
         usual = kind.usual.__func__
 
         def without(cls: Any, *arguments: Any) -> Any:

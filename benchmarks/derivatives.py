@@ -16,8 +16,8 @@ from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig
 
 from benchmarks.report import table
 from distal.fitting import Options
-from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import first_widths, hessian, problem_of, search, widths_at
+from distal.fitting.likelihood import Problem
+from distal.fitting.parameter_search import first_widths, hessian, problem_of, search, widths_at
 
 Floats = NDArray[np.float64]
 

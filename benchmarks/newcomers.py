@@ -31,8 +31,8 @@ from benchmarks.report import table
 from benchmarks.shell import estimate
 from distal import DistalError, Log, Rig, fit, load_rig, read_log
 from distal.confidence import BAND
-from distal.fitting import parameter_estimates
-from distal.fitting.objective import Problem
+from distal.fitting import parameter_search
+from distal.fitting.likelihood import Problem
 from distal.kernels import Kernel, LaneKernel
 
 Logs = tuple[Rig, list[Log], dict[str, list[Log]]]
@@ -176,12 +176,12 @@ def loop() -> float:
 def run(case: str, longer: bool) -> dict[str, Any]:
     """Return what a fit took and gave, for one rig, in this process."""
     if longer:
-        real = parameter_estimates.search
+        real = parameter_search.search
 
         def search(problem: Problem, *further: Any, most: int | None = None, **named: Any) -> Any:
             return real(problem, *further, most=10 * (most or problem.settings.iterations), **named)
 
-        parameter_estimates.search = search
+        parameter_search.search = search
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         rig, logs, others = CASES[case](Path(folder))

@@ -27,7 +27,7 @@ from benchmarks.newcomers import CASES
 from benchmarks.report import table
 from benchmarks.strangers.lacking import logs_of
 from distal import Log, Rig, fit
-from distal.fitting import inverse_dynamics, objective, parameter_estimates
+from distal.fitting import inverse_dynamics, likelihood, parameter_search
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ FIRST_LACKING = 100
 def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dict[str, Any]]]:
     """Return problem, start and options of the first searches of a fit with all logs."""
     found = list[tuple[Any, Any, dict[str, Any]]]()
-    real = parameter_estimates.search
+    real = parameter_search.search
 
     def spy(problem: Any, start: Any, progress: Any = None, **options: Any) -> Any:
         whole = isinstance(problem, inverse_dynamics.InverseProblem) and len(problem.data) == len(
@@ -53,7 +53,7 @@ def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dic
             )
         return real(problem, start, progress, **options)
 
-    with mock.patch.object(parameter_estimates, "search", spy):
+    with mock.patch.object(parameter_search, "search", spy):
         fit(logs, rig)
     return found
 
@@ -70,7 +70,7 @@ def searched(problem: Any, start: Any, options: dict[str, Any], way: str) -> tup
         if way == WAYS[1]:
             end = by_scipy(problem, start, options.get("fixed"))
         else:
-            end = parameter_estimates.search(problem, start, most=MOST, **options).z
+            end = parameter_search.search(problem, start, most=MOST, **options).z
     return float(problem.costs([end])[0]), rows[0] / len(problem.data) / (problem.size + 1)
 
 
@@ -81,7 +81,7 @@ def by_scipy(problem: Any, start: Any, fixed: Any) -> Floats:
     low, high = problem.bounds.T
     z = np.clip(start, low, high)
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
-    widths = parameter_estimates.first_widths(problem)[free]
+    widths = parameter_search.first_widths(problem)[free]
     for _ in range(ROUNDS):
         scale = problem.scales(problem.at(z))
 
@@ -117,7 +117,7 @@ def residuals_of(run: Any, weighing: Any) -> Floats:
     ratio = np.where(compared, run.values, 0.0) ** 2 / np.where(compared, run.variances, 1.0)
     ratio /= weighing.scale
     beyond = np.maximum(1.0, ratio / weighing.tolerance)
-    weights = weighing.share * objective.evened(run, weighing)
+    weights = weighing.share * likelihood.evened(run, weighing)
     whole = np.sign(np.nan_to_num(run.values)) * np.sqrt(
         weights * (ratio / beyond + np.log(beyond))
     )

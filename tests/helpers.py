@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from distal import Log
 from distal.estimators.adaptive import FilterContext
 from distal.rig import Rig, Sensor
-from distal.sensor_errors import SensorErrors
+from distal.sensor_models import SensorErrors
 from distal.simulation import Scenario, build_scenario
 
 Floats = NDArray[np.float64]

@@ -54,7 +54,7 @@ from distal.results import (
 )
 from distal.rig import Rig, as_rig, effort_unit
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.sensor_errors import quantisation_variance, quantised_values
+from distal.sensor_models import quantisation_variance, quantised_values
 from distal.simulation import Control, JointControl, Scenario, simulate_plant
 from distal.simulation.plant import (
     PlantMotion,

@@ -14,7 +14,7 @@ from distal import Log, estimate, load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import Robustness
 from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, Drive, Tracks
-from distal.estimators.adaptive.guards import followed_share, jump_evidence
+from distal.estimators.adaptive.guard_settings import followed_share, jump_evidence
 from distal.estimators.adaptive.prediction import followed_variance
 from distal.estimators.adaptive.update import Residual, compared
 from distal.rig import build_rig

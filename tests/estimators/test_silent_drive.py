@@ -11,7 +11,7 @@ import pytest
 
 from distal import LiveEstimator, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, faded, track_function
-from distal.estimators.adaptive.guards import Robustness
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.kernels.layout import MISSING, READ
 
 DT, NOISE = 0.01, 1e-10

@@ -17,7 +17,7 @@ from distal.errors import Content, ExportError, OutputError
 from distal.export import c_name, export_c
 from distal.export.c_source import checked_name, filled
 from distal.export.fmu import export_files
-from distal.logs import outputs
+from distal.logs import output_files
 
 COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]
 WORDS = """
@@ -132,7 +132,7 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     rig = load_rig("capstan-joint")
     export_c(rig, tmp_path, "elastic", name="finger")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    real = outputs.put
+    real = output_files.put
     for full in range(len(export_files("finger"))):
         opened = 0
 
@@ -143,10 +143,10 @@ def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
                 raise OSError(28, "No space left on device")
             real(path, content)
 
-        monkeypatch.setattr(outputs, "put", limited)
+        monkeypatch.setattr(output_files, "put", limited)
         with pytest.raises(OutputError, match="No space left"):
             export_c(rig, tmp_path, "elastic", single=True, name="finger")
-        monkeypatch.setattr(outputs, "put", real)
+        monkeypatch.setattr(output_files, "put", real)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     export_c(rig, tmp_path, "elastic", single=True, name="finger")
     assert {path.name for path in tmp_path.iterdir()} == set(before)

@@ -21,9 +21,9 @@ from distal.fitting.candidates import (
     with_terms,
 )
 from distal.fitting.fit import Fit
-from distal.fitting.free_parameters import Options
 from distal.fitting.learned_maps import filtered, untouched
-from distal.fitting.parameter_estimates import ParameterEstimates
+from distal.fitting.parameter_search import ParameterEstimates
+from distal.fitting.parameters_and_priors import Options
 from distal.regression import YARDSTICKS, Samples
 from tests.support.foreign_plants import finger_log, finger_rig
 

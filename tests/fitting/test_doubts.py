@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from distal.fitting.free_parameters import FittedParameter, Free
-from distal.fitting.parameter_estimates import far_from_priors
+from distal.fitting.parameter_search import far_from_priors
+from distal.fitting.parameters_and_priors import FittedParameter, Free
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting import AS_GIVEN, WRITTEN, groups_of
-from distal.fitting.free_parameters import choose
+from distal.fitting.parameters_and_priors import choose
 from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig, without_truth
 
 

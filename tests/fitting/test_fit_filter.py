@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from distal import Log, load_rig
-from distal.fitting.objective import FitFilter
+from distal.fitting.likelihood import FitFilter
 from distal.homing import with_references
 
 

@@ -27,8 +27,8 @@ from distal.fitting.candidates import (
     with_parts,
 )
 from distal.fitting.fit import Fit, plain_value
-from distal.fitting.free_parameters import Options
-from distal.fitting.parameter_estimates import parameters_of, problem_of
+from distal.fitting.parameter_search import parameters_of, problem_of
+from distal.fitting.parameters_and_priors import Options
 from distal.rig import build_rig, number, parse_toml
 from tests.support.foreign_plants import finger_log, finger_rig
 

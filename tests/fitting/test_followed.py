@@ -14,8 +14,8 @@ from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DivergedError
 from distal.fitting.candidates import WRITTEN, Compared, Score, Training
-from distal.fitting.free_parameters import Options
 from distal.fitting.learned_maps import untouched
+from distal.fitting.parameters_and_priors import Options
 from distal.rig.validation import angle_names
 
 FIT = sys.modules["distal.fitting.fit"]

@@ -20,8 +20,8 @@ from distal.fitting.inverse_dynamics import (
     InverseProblem,
     inverse_problem,
 )
-from distal.fitting.objective import FitFilter
-from distal.fitting.parameter_estimates import (
+from distal.fitting.likelihood import FitFilter
+from distal.fitting.parameter_search import (
     ParameterEstimates,
     by_equations,
     problem_of,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.objective import (
+from distal.fitting.likelihood import (
     Innovations,
     Weighing,
     cost_of,

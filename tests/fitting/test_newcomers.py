@@ -10,7 +10,7 @@ import pytest
 from distal import Log, Rig, estimate, fit
 from distal.fitting import Fit, Options
 from distal.fitting.inverse_dynamics import inverse_problem
-from distal.fitting.parameter_estimates import most_likely, problem_of
+from distal.fitting.parameter_search import most_likely, problem_of
 from distal.rig import build_rig
 from tests.support.drawn_logs import FITTED, logs_of
 from tests.support.drawn_rigs import Drawn, drawn_rig

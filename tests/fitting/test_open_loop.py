@@ -12,9 +12,9 @@ import pytest
 
 from distal import Log, Rig, fit, load_rig
 from distal.errors import FitError
-from distal.fitting.free_parameters import Options
-from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import problem_of
+from distal.fitting.likelihood import Problem
+from distal.fitting.parameter_search import problem_of
+from distal.fitting.parameters_and_priors import Options
 from distal.kernels.layout import COMPARED_ONLY, READ
 from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 

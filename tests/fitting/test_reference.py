@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
-from distal.fitting.free_parameters import FittedParameter, assignments
 from distal.fitting.learned_maps import (
     HeldOut,
     MapFit,
@@ -18,6 +17,7 @@ from distal.fitting.learned_maps import (
     with_its_reference_error,
     without_offset,
 )
+from distal.fitting.parameters_and_priors import FittedParameter, assignments
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
 

@@ -12,8 +12,8 @@ import pytest
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
 from distal.fitting.learned_maps import filtered
-from distal.fitting.objective import AFTER_STOP, NEAR_STOP, in_stops
-from distal.fitting.parameter_estimates import problem_of
+from distal.fitting.likelihood import AFTER_STOP, NEAR_STOP, in_stops
+from distal.fitting.parameter_search import problem_of
 from distal.simulation import Scenario
 from tests.support.plant_and_rig import drawn_plant, logs_of, start_rig
 

@@ -17,8 +17,8 @@ from distal.fitting.candidates import (
     comparisons,
     readings_map,
 )
-from distal.fitting.free_parameters import Options
 from distal.fitting.learned_maps import SETTLING, HeldOut
+from distal.fitting.parameters_and_priors import Options
 from distal.regression import yardstick_error
 from tests.support.foreign_plants import finger_log, finger_rig
 

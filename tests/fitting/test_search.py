@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.free_parameters import Free
-from distal.fitting.objective import Derivatives, SearchSettings
-from distal.fitting.parameter_estimates import (
+from distal.fitting.likelihood import Derivatives, SearchSettings
+from distal.fitting.parameter_search import (
     first_widths,
     hessian,
     search,
     widths_at,
 )
+from distal.fitting.parameters_and_priors import Free
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import FitError
-from distal.fitting.free_parameters import FittedParameter, assignments, choose
+from distal.fitting.parameters_and_priors import FittedParameter, assignments, choose
 
 SPOOL = {"name": "spool", "std": 0.1}
 PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.free_parameters import Free
-from distal.fitting.objective import Derivatives
-from distal.fitting.parameter_estimates import covariance_at
+from distal.fitting.likelihood import Derivatives
+from distal.fitting.parameter_search import covariance_at
+from distal.fitting.parameters_and_priors import Free
 
 Floats = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from distal.errors import DistalWarning, LogError
 from distal.logs import read_table
-from distal.logs.cells import Cells
 from distal.logs.formats import csv
+from distal.logs.table_cells import Cells
 
 ROWS = [f"{k / 100},{k},-{k}" for k in range(40)]
 A = np.arange(40.0)

@@ -14,7 +14,7 @@ import pytest
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, scenario_rig, simulate
 from distal.errors import DistalWarning, LogError
 from distal.logs import MessageReader, header, read_truth, write_columns, write_log
-from distal.logs.cells import name_and_unit
+from distal.logs.table_cells import name_and_unit
 
 
 @pytest.fixture(scope="module")

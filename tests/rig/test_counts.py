@@ -10,7 +10,7 @@ import pytest
 from distal import Rig, load_rig
 from distal.errors import RigError
 from distal.rig import Sensor, build_rig, log_factor, step_of
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 from tests.helpers import measure
 
 ENCODER = {"unit": "count", "counts_per_turn": 4096, "gear": 50}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from distal.errors import Content, OutputError, StudyError
-from distal.logs import outputs
+from distal.logs import output_files
 from distal.study import Plan, open_folder, run_study, space_of
 from distal.study.runs import Columns
 from tests.study.plans import small
@@ -92,7 +92,7 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
 def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = many()
     folder, calls = open_folder(plan, tmp_path), list[int]()
-    put = outputs.put
+    put = output_files.put
 
     def full(path: Path, content: Content) -> None:
         calls.append(1)
@@ -100,7 +100,7 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
             raise OSError(28, "No space left on device")
         put(path, content)
 
-    monkeypatch.setattr(outputs, "put", full)
+    monkeypatch.setattr(output_files, "put", full)
     with pytest.raises(OutputError, match="No space left on device"):
         run_study(plan, space_of(plan), folder, 1)
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]

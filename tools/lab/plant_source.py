@@ -23,7 +23,7 @@ from distal.export.c_source import (
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of
-from distal.sensor_errors import SENSOR, reading
+from distal.sensor_models import SENSOR, reading
 from distal.simulation.plant import BodyInputs, at_rest, equilibrium, plant_function
 from distal.simulation.simulate import intervals_of, moment_of
 

@@ -21,7 +21,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import DistalError, DistalWarning, LogError, OutputError
 from distal.logs import Episode, episodes_of, read_log
-from distal.logs.cells import INFO, dataset_info
+from distal.logs.table_cells import INFO, dataset_info
 from distal.rig import Rig, as_rig
 from distal.run import HEALTH, estimate, log_health
 from distal.run.health import word_code

@@ -58,7 +58,7 @@ from distal.rig import (
     position_unit,
     tendon_angle_name,
 )
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 
 @dataclass(frozen=True)

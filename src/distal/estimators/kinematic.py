@@ -31,7 +31,7 @@ from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.layout import is_read
 from distal.model import Mechanism, solver
 from distal.rig import Rig, Sensor, angle_names, gain_of, tendon_angle_name
-from distal.sensor_errors import systematic_variance, variance
+from distal.sensor_models import systematic_variance, variance
 
 
 def symmetric(entries: Expression) -> Expression:

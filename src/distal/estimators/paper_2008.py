@@ -31,7 +31,7 @@ from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, Moment, kick_and_drift, responses, substeps
 from distal.rig import Rig, angle_names, speed_names
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 
 def predict_covariance(

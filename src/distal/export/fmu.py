@@ -36,7 +36,7 @@ from distal.export.c_source import (
 from distal.kernels import find_compiler
 from distal.kernels.compiler import SWITCHED_OFF, CompileError, run_compiler, zig_compiler
 from distal.logs import LARGEST_READING, check_outputs, outputs_in, write_together, write_whole
-from distal.logs.outputs import as_output_error
+from distal.logs.output_files import as_output_error
 from distal.rig import Rig, check_scales
 from distal.run.health import HEALTH
 from distal.units import base_powers

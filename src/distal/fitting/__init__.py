@@ -14,11 +14,11 @@ scores on logs that were left out. It minimises −ln p = ½ Σ (ν²/S + ln S) 
 
 from distal.fitting.candidates import AS_GIVEN, WRITTEN, Compared, Score
 from distal.fitting.fit import Fit, fit, learn
-from distal.fitting.free_parameters import FittedParameter, Options
 from distal.fitting.learned_maps import (
     SETTLING,
     MapFit,
 )
+from distal.fitting.parameters_and_priors import FittedParameter, Options
 from distal.regression import groups_of
 
 __all__ = [

@@ -25,7 +25,6 @@ from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.errors import DistalError
 from distal.estimators import channels_of, parts_of, samples_of_angles
-from distal.fitting.free_parameters import Options, Progress
 from distal.fitting.learned_maps import (
     HeldOut,
     MapFit,
@@ -38,13 +37,14 @@ from distal.fitting.learned_maps import (
     with_its_reference_error,
 )
 from distal.fitting.log_checks import unknown_joints
-from distal.fitting.parameter_estimates import (
+from distal.fitting.parameter_search import (
     ParameterEstimates,
     by_equations,
     parameters_of,
     problem_of,
     without,
 )
+from distal.fitting.parameters_and_priors import Options, Progress
 from distal.logs import Log, shown, true_angles
 from distal.regression import (
     YARDSTICKS,

@@ -44,7 +44,6 @@ from distal.fitting.candidates import (
     judge,
     with_terms,
 )
-from distal.fitting.free_parameters import FittedParameter, Options, Progress, assignments, paths_of
 from distal.fitting.learned_maps import (
     MapFit,
     counted_from,
@@ -62,12 +61,19 @@ from distal.fitting.log_checks import (
     touched_logs,
     without_lag,
 )
-from distal.fitting.parameter_estimates import (
+from distal.fitting.parameter_search import (
     ParameterEstimates,
     by_filter,
     far_from_priors,
     problem_of,
     without,
+)
+from distal.fitting.parameters_and_priors import (
+    FittedParameter,
+    Options,
+    Progress,
+    assignments,
+    paths_of,
 )
 from distal.from_logs import rig_from_logs
 from distal.homing import check_homing

@@ -29,11 +29,11 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar, Vector
-from distal.fitting.objective import Data, FitFilter, Innovations, Problem
+from distal.fitting.likelihood import Data, FitFilter, Innovations, Problem
 from distal.kernels import Feed, Kernel, kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Sensor
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 INTERVAL = 0.05
 """Interval at which the equations are compared [s], since their residuals change no faster. Source:

@@ -54,7 +54,7 @@ from distal.regression import (
 from distal.rig import LearnedMap, MapArrays, Rig
 from distal.run import samples_of
 from distal.run.redundancy import NORMAL, means_along
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 RADIAL = 32
 """Number of radial functions. Source: benchmark (python -m benchmarks.one_map)."""

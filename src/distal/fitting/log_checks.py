@@ -31,7 +31,7 @@ from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
 from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples, yardstick_error
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names
 from distal.run import estimate
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 LARGEST_USUAL = 0.08
 """Lags of a camera with its driver up to this are equally likely [s]. Source: judgement."""

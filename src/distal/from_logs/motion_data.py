@@ -32,9 +32,9 @@ from distal.logs import (
     jumps_away,
     open_table,
 )
-from distal.logs.cells import LIST
 from distal.logs.raw_to_si import FEWEST
 from distal.logs.stamps import clock_of, is_time, spread
+from distal.logs.table_cells import LIST
 from distal.regression import played
 from distal.rig.hand_tables import ASSUMED
 from distal.units import USUAL, unit_factor

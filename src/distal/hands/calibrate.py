@@ -32,9 +32,9 @@ from distal.confidence import BAND, CLEARLY
 from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting import Options
 from distal.fitting.fit import MARK, write_fitted
-from distal.fitting.free_parameters import assignments
-from distal.fitting.objective import Problem
-from distal.fitting.parameter_estimates import most_likely, problem_of, search, searched
+from distal.fitting.likelihood import Problem
+from distal.fitting.parameter_search import most_likely, problem_of, search, searched
+from distal.fitting.parameters_and_priors import assignments
 from distal.hands.power_on_routine import (
     FEWEST_SWEEPS,
     STRONGEST,

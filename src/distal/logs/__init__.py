@@ -12,7 +12,6 @@ was left out said in warnings. Every reading passes one conversion, v = sign (ra
     print(len(log), list(log.channels))
 """
 
-from distal.logs.cells import Column, header, name_and_unit
 from distal.logs.formats import TABLES, check_format, file_of
 from distal.logs.log import (
     FROM_SENSOR,
@@ -38,7 +37,7 @@ from distal.logs.log_files import (
     write_log,
 )
 from distal.logs.messages import MessageReader
-from distal.logs.outputs import (
+from distal.logs.output_files import (
     Output,
     check_outputs,
     outputs_in,
@@ -47,6 +46,7 @@ from distal.logs.outputs import (
     write_whole,
 )
 from distal.logs.raw_to_si import Limits, RawToSI, Remark, decoded, says_nothing
+from distal.logs.table_cells import Column, header, name_and_unit
 from distal.logs.tables import (
     Episode,
     Source,

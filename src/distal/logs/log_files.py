@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import LogError, did_you_mean
-from distal.logs.cells import Cells, factor_of, say, scale, time_factor
 from distal.logs.formats import TABLES, file_of
 from distal.logs.log import (
     NO_SOURCE,
@@ -27,9 +26,10 @@ from distal.logs.log import (
     jumps_away,
     said_of_jumps,
 )
-from distal.logs.outputs import write_whole
+from distal.logs.output_files import write_whole
 from distal.logs.raw_to_si import TURN, RawToSI, says_nothing
 from distal.logs.stamps import Clock, clock_of, dated, in_order, is_time, spread
+from distal.logs.table_cells import Cells, factor_of, say, scale, time_factor
 from distal.logs.tables import Source, Stamped, open_table, together
 from distal.rig import (
     REFERENCES,

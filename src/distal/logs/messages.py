@@ -14,8 +14,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import LogError
-from distal.logs.cells import MISSING, factor_of, headers_of, time_factor, units_of
 from distal.logs.raw_to_si import RawToSI, Remark
+from distal.logs.table_cells import MISSING, factor_of, headers_of, time_factor, units_of
 from distal.rig import Rig
 
 INDEX = re.compile("[0-9]{1,9}")

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError
-from distal.logs.cells import Cells, Column, say, whole_values
 from distal.logs.raw_to_si import IMPROBABLE
+from distal.logs.table_cells import Cells, Column, say, whole_values
 
 Stamps = NDArray[np.int64]
 """Stamps since 1970 [ns], (n,)."""

@@ -23,7 +23,18 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, did_you_mean
-from distal.logs.cells import (
+from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
+from distal.logs.formats.parquet import read_parquet
+from distal.logs.messages import STAMPS, number_of
+from distal.logs.output_files import shown
+from distal.logs.stamps import (
+    LATEST_DATE,
+    longest_part,
+    say_wild,
+    set_backs,
+    wild_stamps,
+)
+from distal.logs.table_cells import (
     INFO,
     Cells,
     Column,
@@ -33,17 +44,6 @@ from distal.logs.cells import (
     name_and_unit,
     needed,
     say,
-)
-from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
-from distal.logs.formats.parquet import read_parquet
-from distal.logs.messages import STAMPS, number_of
-from distal.logs.outputs import shown
-from distal.logs.stamps import (
-    LATEST_DATE,
-    longest_part,
-    say_wild,
-    set_backs,
-    wild_stamps,
 )
 
 SAME_ROW = 0.1

@@ -11,7 +11,7 @@ In: means and covariances of an estimator; out: an `Estimate`, whose 95 % band i
     result.plot("estimate.png")
 """
 
-from distal.results.estimate import PANELS, UNKNOWN, Estimate, check_panels, plot_estimates
+from distal.results.estimate import UNKNOWN, Estimate, plot_estimates
 from distal.results.plots import (
     BAD,
     BLACK,
@@ -21,11 +21,13 @@ from distal.results.plots import (
     GOOD,
     INK,
     PALE,
+    PANELS,
     SOFT,
     TRUTH,
     WHITE,
     Html,
     band_colour,
+    check_panels,
     colour,
     curve_style,
     figure,

@@ -1,8 +1,4 @@
-"""The result of an estimator on a log.
-
-Plots of truth, estimates and bands over time, for print and for colour-blind readers; and panels
-below the angle: innovations, measured forces, and the health of a stream.
-"""
+"""The result of an estimator on a log; what its figure contains."""
 
 from __future__ import annotations
 
@@ -23,20 +19,26 @@ from distal.estimators import StateKind, states_of
 from distal.logs import Log, header
 from distal.results.plots import (
     BLACK,
-    COLOURS,
-    FAINT,
     PALE,
+    SHADED,
     SOFT,
     TRUTH,
     PlotOptions,
-    band_colour,
+    check_panels,
     colour,
     curve_style,
+    draw_band,
+    draw_forces,
+    draw_health,
     figure,
+    finish_panel,
+    from_start,
     html_table,
     legend_above,
     plain,
     save_figure,
+    spans_of,
+    time_label,
 )
 from distal.rig import Rig, std_name
 
@@ -410,28 +412,6 @@ class Estimate:
         return plot_estimates([self], path=path, **options)
 
 
-def from_start(time: Floats) -> Floats:
-    """Return the time since the first sample [s], (k,).
-
-    Args:
-        time: stamps [s], (k,).
-    """
-    since: Floats = time - time[0]
-    return since
-
-
-def time_label(time: Floats) -> str:
-    """Return the label of the time axis for the stamps `time` [s], (k,)."""
-    return (
-        "time [s]"
-        if abs(time[0]) < 1e-9
-        else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
-    )
-
-
-HEALTH_COLOURS = {"ok": COLOURS[2], "untested": COLOURS[5]}
-"""Health word → its colour, for words that are no alarm; all other words are orange."""
-
 WIDEST = 5.0
 """Least limit of the axis of innovations [standard deviations]. Source: layout."""
 
@@ -451,62 +431,8 @@ def draw_innovations(axes: Axes, result: Estimate) -> None:
     limit = max(WIDEST, 1.2 * np.quantile(sizes, SHARE)) if len(sizes) else WIDEST
     axes.set_ylim(-limit, limit)
     axes.set_ylabel("innovation [σ]")
-    _finish(axes, "" if len(sizes) else "nothing is compared")
+    finish_panel(axes, "" if len(sizes) else "nothing is compared")
 
-
-def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
-    """Draw the forces and motor torques at the drives and the tensions that a log has."""
-    sensors = [
-        sensor
-        for sensor in rig.sensors
-        if sensor.measures in ("force", "tension") and sensor.name in log.channels
-    ]
-    for i, sensor in enumerate(sensors):
-        force = log.channels[sensor.name]
-        style = curve_style(i)
-        axes.plot(from_start(log.time), force, linewidth=0.9, label=plain(sensor.name), **style)
-    units = ", ".join(sorted({sensor.si for sensor in sensors}))
-    assumed = "\nassumed scale" if "force" in rig.taken else ""
-    axes.set_ylabel(f"measured [{units}]{assumed}")
-    _finish(axes, "" if sensors else "no force is measured")
-
-
-def _finish(axes: Axes, text: str) -> None:
-    """Put the legend above a panel, and a text that says why it is empty into its middle."""
-    legend_above(axes, most=6)
-    middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
-    axes.text(0.5, 0.5, text, color=SOFT, **middle)
-
-
-SHADED = {"touched": FAINT, "outside": PALE}
-"""Health word → grey on which an angle stands while it holds. Source: layout."""
-
-
-def _spans(time: Floats, health: Sequence[str], word: str) -> list[tuple[float, float]]:
-    """Return begin and length of each time in which a health word holds [s]."""
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    edges = np.flatnonzero(np.diff(np.array(health) == word, prepend=False, append=False))
-    return [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
-
-
-def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
-    """Draw as bars, in one row for each health word, "ok" first, when the word held.
-
-    Args:
-        time: time since the first sample [s], (k,).
-        health: the health word of each sample, (k,).
-    """
-    words = sorted(set(health), key=lambda word: (word != "ok", word))
-    for row, word in enumerate(words):
-        look = {"color": HEALTH_COLOURS.get(word, COLOURS[1]), "linewidth": 0}
-        axes.broken_barh(_spans(time, health, word), (row - 0.35, 0.7), **look)
-    axes.set_yticks(range(len(words)), words, fontsize=7)
-    axes.set_ylim(len(words) - 0.4, -0.6)
-    axes.set_ylabel("health")
-
-
-PANELS = ("innovations", "forces", "health")
-"""Names of the panels that a plot has on request; see `plot_estimates`."""
 
 SHARE = 0.98
 """Share of the errors, bands and innovations that an axis shows. Source: layout."""
@@ -586,16 +512,6 @@ def plot_estimates(
     return save_figure(drawing, path)
 
 
-def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of panels as a tuple; raise an `OutputError` where one is not in
-    `PANELS`.
-    """
-    for panel in panels:
-        if panel not in PANELS:
-            raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
-    return tuple(panels)
-
-
 def _draw_joint(
     axes: Sequence[Axes], estimates: Sequence[Estimate], joint: int, health: Sequence[str] | None
 ) -> None:
@@ -616,18 +532,18 @@ def _draw_joint(
         time = from_start(estimate.time)
         theta = estimate.angles[:, joint]
         half = np.rad2deg(BAND * estimate.angle_stds[:, joint])
-        band = _shade(top, time, np.rad2deg(theta), half, i)
+        band = draw_band(top, time, np.rad2deg(theta), half, i)
         handle = band, *top.plot(time, np.rad2deg(theta), linewidth=1.2, **curve_style(i))
         entries.append((handle, f"{estimate.estimator}, {COVERED_TEXT} band"))
         lower = half
         if first.truths is not None:
             lower = np.rad2deg(theta - _truth_of(estimate, joint))
-            _shade(below, time, np.zeros(len(time)), half, i)
+            draw_band(below, time, np.zeros(len(time)), half, i)
             sizes += [np.abs(lower), half]
         below.plot(time, lower, linewidth=1.0, **curve_style(i))
     _limit_angles(top, estimates, joint)
     for word, grey in SHADED.items():
-        spans = _spans(since, health or (), word)
+        spans = spans_of(since, health or (), word)
         if spans:
             look = {"color": grey, "linewidth": 0, "zorder": 0}
             bars = top.broken_barh(spans, (0, 1), transform=top.get_xaxis_transform(), **look)
@@ -651,17 +567,6 @@ def _truth_of(estimate: Estimate, joint: int) -> Floats:
     if estimate.truths is None:
         return np.full(len(estimate), np.nan)
     return estimate.truths[:, joint]
-
-
-def _shade(axes: Axes, time: Floats, middle: Floats, half: Floats, index: int) -> Artist:
-    """Shade a band and draw its edges, so that a band as narrow as a line is visible; return the
-    handle for a legend.
-    """
-    low = middle - half
-    high = middle + half
-    for edge in (low, high):
-        axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
-    return axes.fill_between(time, low, high, color=band_colour(colour(index)), linewidth=0)
 
 
 def _limit_angles(axes: Axes, estimates: Sequence[Estimate], joint: int) -> None:

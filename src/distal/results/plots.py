@@ -1,5 +1,5 @@
-"""The style of all tables and figures: rows as HTML; colours and dashes that colour-blind readers
-can tell apart, legends above the axes; and how figures are written.
+"""How tables and figures look: rows as HTML; colours and dashes that colour-blind readers can tell
+apart, bands, panels of forces and of a stream's health, legends; and how figures are written.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
-from distal.errors import OutputError
+from distal.arrays import Floats
+from distal.errors import OutputError, did_you_mean
 from distal.logs import Log, write_whole
 from distal.rig import Rig
 
@@ -257,6 +258,110 @@ def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: i
             columnspacing=1.2,
             handlelength=2.2,
         )
+
+
+def from_start(time: Floats) -> Floats:
+    """Return the time since the first sample [s], (k,).
+
+    Args:
+        time: stamps [s], (k,).
+    """
+    since: Floats = time - time[0]
+    return since
+
+
+def time_label(time: Floats) -> str:
+    """Return the label of the time axis for the stamps `time` [s], (k,)."""
+    return (
+        "time [s]"
+        if abs(time[0]) < 1e-9
+        else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+    )
+
+
+HEALTH_COLOURS = {"ok": COLOURS[2], "untested": COLOURS[5]}
+"""Health word → its colour, for words that are no alarm; all other words are orange."""
+
+
+def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
+    """Draw the forces and motor torques at the drives and the tensions that a log has."""
+    sensors = [
+        sensor
+        for sensor in rig.sensors
+        if sensor.measures in ("force", "tension") and sensor.name in log.channels
+    ]
+    for i, sensor in enumerate(sensors):
+        force = log.channels[sensor.name]
+        style = curve_style(i)
+        axes.plot(from_start(log.time), force, linewidth=0.9, label=plain(sensor.name), **style)
+    units = ", ".join(sorted({sensor.si for sensor in sensors}))
+    assumed = "\nassumed scale" if "force" in rig.taken else ""
+    axes.set_ylabel(f"measured [{units}]{assumed}")
+    finish_panel(axes, "" if sensors else "no force is measured")
+
+
+def finish_panel(axes: Axes, text: str) -> None:
+    """Put the legend above a panel, and a text that says why it is empty into its middle."""
+    legend_above(axes, most=6)
+    middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
+    axes.text(0.5, 0.5, text, color=SOFT, **middle)
+
+
+SHADED = {"touched": FAINT, "outside": PALE}
+"""Health word → grey on which an angle stands while it holds. Source: layout."""
+
+
+def spans_of(time: Floats, health: Sequence[str], word: str) -> list[tuple[float, float]]:
+    """Return begin and length of each time in which a health word holds [s]."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    edges = np.flatnonzero(np.diff(np.array(health) == word, prepend=False, append=False))
+    return [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
+
+
+def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
+    """Draw as bars, in one row for each health word, "ok" first, when the word held.
+
+    Args:
+        time: time since the first sample [s], (k,).
+        health: the health word of each sample, (k,).
+    """
+    words = sorted(set(health), key=lambda word: (word != "ok", word))
+    for row, word in enumerate(words):
+        look = {"color": HEALTH_COLOURS.get(word, COLOURS[1]), "linewidth": 0}
+        axes.broken_barh(spans_of(time, health, word), (row - 0.35, 0.7), **look)
+    axes.set_yticks(range(len(words)), words, fontsize=7)
+    axes.set_ylim(len(words) - 0.4, -0.6)
+    axes.set_ylabel("health")
+
+
+PANELS = ("innovations", "forces", "health")
+"""Names of the panels that a plot has on request; see `plot_estimates`."""
+
+
+def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of panels as a tuple; raise an `OutputError` where one is not in
+    `PANELS`.
+    """
+    for panel in panels:
+        if panel not in PANELS:
+            raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
+    return tuple(panels)
+
+
+def draw_band(axes: Axes, time: Floats, middle: Floats, half: Floats, index: int) -> Artist:
+    """Shade a band and draw its edges, so that a band as narrow as a line is visible; return the
+    handle for a legend.
+
+    Args:
+        time: since the first sample [s], (k,).
+        middle: of the band [deg], (k,).
+        half: its half-width [deg], (k,).
+        index: of its colour.
+    """
+    edges = middle - half, middle + half
+    for edge in edges:
+        axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
+    return axes.fill_between(time, *edges, color=band_colour(colour(index)), linewidth=0)
 
 
 class PlotOptions(TypedDict, total=False):

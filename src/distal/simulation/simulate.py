@@ -21,7 +21,7 @@ from distal.errors import RigError, ScenarioError
 from distal.expressions import Vector
 from distal.kernels import Feed, advance_all
 from distal.logs import Log, TruthSource
-from distal.logs.outputs import MEMORY_VARIABLE, memory_limit
+from distal.logs.output_files import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, Moment, substeps
 from distal.rig import (
     Rig,
@@ -36,7 +36,7 @@ from distal.rig import (
     torque_names,
     travel_of,
 )
-from distal.sensor_errors import SensorErrors
+from distal.sensor_models import SensorErrors
 from distal.simulation.plant import (
     BodyInputs,
     PlantMotion,

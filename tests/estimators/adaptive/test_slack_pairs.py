@@ -16,7 +16,7 @@ from distal.estimators.adaptive.drive_tracking import REMEMBERED, Tracks
 from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.prediction import slack_pair_function, slack_pairs, within_play
 from distal.rig.hand_tables import Row, hand_of
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 SPOOL, ARM, SLACK, STIFFNESS, SOFTER, NOISE, FRICTION = 8e-3, 10e-3, 1e-3, 2e4, 1e4, 0.02, 0.03
 POSITION = 0.4

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from distal.estimators import Robustness
 from distal.model import Mechanism, clip_moments
 from distal.rig import Rig
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 from tests.estimators.adaptive.twin_model import TwinModel
 from tests.estimators.adaptive.twin_states import declares_friction, sensor_at, states_of, travel_of
 from tests.estimators.adaptive.twin_update import update

@@ -11,7 +11,7 @@ import numpy as np
 from distal.estimators import Robustness
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 MAY_BE_NEGATIVE = ("rest_angle", "hanging_angle", "slope", "curvature", "centre")
 LINEARITY_SHARE = 0.6  # std of a linearity curve, as a share of its largest magnitude

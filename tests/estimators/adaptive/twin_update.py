@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 if TYPE_CHECKING:
     from tests.estimators.adaptive.twin import Tracked, Twin

@@ -19,8 +19,7 @@ from distal.rig import (
     from_mujoco,
     parse_toml,
 )
-from distal.rig.mjcf.bodies import _fitted, carried_by, fit_excursion, parent_of
-from distal.rig.mjcf.importer import _as_spring
+from distal.rig.mjcf.bodies import _as_spring, _fitted, carried_by, fit_excursion, parent_of
 from tests.helpers import finite_difference
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 

@@ -4,7 +4,7 @@ all its steps in order.
 
 from distal.estimators.adaptive.estimator import AdaptiveFilter, state_vector
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.guards import Robustness
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import (
     KINDS,
     Kind,

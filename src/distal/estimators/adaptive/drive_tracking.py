@@ -17,7 +17,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import USUAL, mechanics_function, usual_motion
-from distal.estimators.adaptive.guards import (
+from distal.estimators.adaptive.guard_settings import (
     GOES_ON,
     SETTLED,
     SHIFTED,
@@ -33,7 +33,7 @@ from distal.expressions import Expression, Scalar, ScalarNode, VectorNode, dense
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
 from distal.regression import MOST_EVIDENCE, added
 from distal.rig import Rig, Sensor
-from distal.sensor_errors import variance
+from distal.sensor_models import variance
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:

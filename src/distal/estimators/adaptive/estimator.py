@@ -24,7 +24,7 @@ from distal.estimators.adaptive.drive_tracking import (
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
-from distal.estimators.adaptive.guards import Robustness
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE, touch_layout
 from distal.estimators.estimator_protocol import (

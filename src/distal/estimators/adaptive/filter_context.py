@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.adaptive.guards import Robustness
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.estimator_protocol import Channels, sensor_for
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.model import RESOLUTION, Mechanism, joint_frequency

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import casadi as ca
 
 from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
-from distal.estimators.adaptive.guards import Robustness
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
 from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode, symbols
 from distal.model import Mechanism
 from distal.model.parameters import Derived
 from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
-from distal.sensor_errors import quantisation_variance
+from distal.sensor_models import quantisation_variance
 
 
 def states_of_rig(

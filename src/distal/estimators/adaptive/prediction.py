@@ -19,7 +19,7 @@ import casadi as ca
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, mechanics_function
-from distal.estimators.adaptive.guards import followed_share
+from distal.estimators.adaptive.guard_settings import followed_share
 from distal.estimators.adaptive.joint_motion import Moved
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import StateKind

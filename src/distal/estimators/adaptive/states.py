@@ -43,7 +43,7 @@ from distal.rig import (
     speed_names,
     torque_names,
 )
-from distal.sensor_errors import LINEARITY_STD, systematic_variance, variance
+from distal.sensor_models import LINEARITY_STD, systematic_variance, variance
 
 Acts = Literal["value", "factor", "deviation"]
 """How a state enters the model's parameters: it is the value of one, it multiplies the values of
@@ -643,7 +643,7 @@ the logs of `make accuracy`. Source: benchmark (benchmarks/accuracy).
 
 SMOOTHNESS = 3.0
 """Order j₀ at which the prior of the weights decreases, in half waves over the travel [1];
-`distal.sensor_errors` draws curves so. Source: judgement.
+`distal.sensor_models` draws curves so. Source: judgement.
 """
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, mechanics_function
-from distal.estimators.adaptive.guards import Robustness, robust_variance
+from distal.estimators.adaptive.guard_settings import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     FORCE,

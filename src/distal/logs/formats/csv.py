@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import MISSING, Cells, Column, compact, header, needed, say
 from distal.logs.formats.format import Format
-from distal.logs.outputs import COPIES, check_memory, check_rows, memory_limit
+from distal.logs.output_files import COPIES, check_memory, check_rows, memory_limit
 from distal.logs.stamps import is_time
+from distal.logs.table_cells import MISSING, Cells, Column, compact, header, needed, say
 
 SEPARATORS = (",", ";", "\t", "|")
 """Characters that may separate the cells of a file; else blanks do."""

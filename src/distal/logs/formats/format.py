@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import Cells
 from distal.logs.messages import find
+from distal.logs.table_cells import Cells
 
 
 class UndecodableError(LogError):

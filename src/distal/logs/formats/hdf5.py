@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from distal.errors import LogError
-from distal.logs.cells import WIDEST_VECTOR, Cells, Column, needed
 from distal.logs.formats.format import Format
-from distal.logs.outputs import COPIES, check_memory
+from distal.logs.output_files import COPIES, check_memory
+from distal.logs.table_cells import WIDEST_VECTOR, Cells, Column, needed
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:

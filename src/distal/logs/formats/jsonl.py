@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from distal.errors import LogError
-from distal.logs.cells import Cells, compact, needed
 from distal.logs.formats.format import Format
-from distal.logs.outputs import COPIES, check_memory
+from distal.logs.output_files import COPIES, check_memory
+from distal.logs.table_cells import Cells, compact, needed
 
 
 def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:

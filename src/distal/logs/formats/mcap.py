@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from distal.errors import LogError
-from distal.logs.cells import say
 from distal.logs.formats.format import Format, Message
-from distal.logs.outputs import memory_limit
+from distal.logs.output_files import memory_limit
+from distal.logs.table_cells import say
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of an MCAP file. Source: definition (MCAP specification)."""

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.cells import (
+from distal.logs.formats.format import Format
+from distal.logs.output_files import check_rows
+from distal.logs.table_cells import (
     WIDEST_VECTOR,
     Cells,
     Column,
@@ -20,8 +22,6 @@ from distal.logs.cells import (
     needed,
     numbered,
 )
-from distal.logs.formats.format import Format
-from distal.logs.outputs import check_rows
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:

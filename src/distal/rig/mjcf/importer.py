@@ -1,7 +1,6 @@
-"""Tendons of a model: those that pull, with their drives and sensors, and those that are springs of
-joints.
+"""A rig from a MuJoCo model.
 
-A rig from a MuJoCo model.
+Tendons that pull, with their drives and sensors; equalities of the model as couplings of joints.
 
 An actuator pulls the tendons that become the rig's; its joints turn, are asked for, and driven
 tendons move them.
@@ -10,12 +9,13 @@ tendons move them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Legendre, Polynomial
 
-from distal.arrays import Floats
 from distal.errors import RigError, did_you_mean
 from distal.rig.files import Imported, build_rig, name_of, parse_toml
 from distal.rig.mjcf.bodies import (
@@ -23,19 +23,19 @@ from distal.rig.mjcf.bodies import (
     CROSSED,
     EMBEDDED,
     LARGEST_ARM_ERROR,
-    POSES,
     Coupled,
     Poses,
     at_poses,
-    couplings,
     described_joints,
     fit_excursion,
     joint_name,
+    joint_springs,
     mujoco_module,
     only_number,
     over_ranges,
     range_of,
-    softened,
+    spring_tendons,
+    stiffness_at_rest,
     tendon_name,
     tendon_slopes,
     turned_by,
@@ -48,98 +48,74 @@ if TYPE_CHECKING:
     import mujoco
 
 
-FARTHEST_REST = 100.0
-"""Largest distance from the middle of a joint's range at which its spring is relaxed, in ranges
-[1]. Source: rounding (roots of a nearly constant torque).
-"""
+def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
+    """Return the couplings of joints, and which of the model's equalities are left out or changed,
+    in words.
 
-
-def spring_tendons(model: mujoco.MjModel) -> list[int]:
-    """Return the indices of the tendons that are springs."""
-    return [t for t in range(model.ntendon) if only_number(model.tendon_stiffness[t]) > 0.0]
-
-
-def joint_springs(
-    model: mujoco.MjModel, joints: Sequence[int], length_unit: float
-) -> tuple[dict[int, dict[str, float]], list[str]]:
-    """Return the raw return spring of each joint that has one, and what is left out, in words.
-
-    The torques of all springs that act on one joint alone are added over its range, and −(k x + q
-    x² + c x³) with x = θ − θ₀ is fitted to the sum. The model's unit of length has `length_unit`
-    metres.
+    In MuJoCo q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; where this is curved, the nearest straight line over
+    the range replaces it.
     """
-    springs = dict[int, dict[str, float]]()
+    import mujoco
+
+    coupled = list[Coupled]()
     left = list[str]()
-    poses = over_ranges(model, joints)
-    crossing = {t: [joints[k] for k in turned_by(poses, t)] for t in spring_tendons(model)}
-    for t, crossed in crossing.items():
-        if len(crossed) > 1:
-            names = ", ".join(joint_name(model, j) for j in crossed)
+    for i in range(model.neq):
+        if not model.eq_active0[i]:
+            continue
+        name = model.equality(i).name or f"number {i}"
+        kind = mujoco.mjtEq(int(model.eq_type[i]))
+        first = int(model.eq_obj1id[i])
+        second = int(model.eq_obj2id[i])
+        if kind != mujoco.mjtEq.mjEQ_JOINT or second < 0:
+            left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
+            continue
+        zero = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
+        curve = Polynomial(model.eq_data[i][:5])(Polynomial([-zero[1], 1.0])) + zero[0]
+        # a series of Legendre's polynomials, each within ±1: its first two are the nearest line
+        series = curve.convert(domain=range_of(model, second), kind=Legendre)
+        line = series.truncate(2)
+        offset = float(line(0.0))
+        ratio = float(line(1.0)) - offset
+        off = float(np.abs(series.coef[2:]).sum())
+        if abs(ratio) < 1e-9:
+            left.append(f"equality '{name}' holds joint '{joint_name(model, first)}': left out")
+            continue
+        if off > 1e-6:
             left.append(
-                f"spring '{tendon_name(model, t)}' pulls at several joints ({names}): left out"
+                f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at "
+                f"'{joint_name(model, first)}'"
             )
-    for j in joints:
-        angles = np.linspace(*range_of(model, j), POSES)
-        relaxed = float(model.qpos_spring[model.jnt_qposadr[j]])
-        torque = -only_number(model.jnt_stiffness[j]) * (angles - relaxed)
-        for t, crossed in crossing.items():
-            if crossed != [j]:
-                continue
-            along = at_poses(model, [j], angles[:, None])
-            low_length, high_length = np.ravel(model.tendon_lengthspring[t])[:2]
-            length = along.lengths[:, t]
-            stiffness = only_number(model.tendon_stiffness[t])
-            stretched = length - np.clip(length, low_length, high_length)
-            torque = torque - stiffness * stretched * along.arms[:, t, 0]
-        if np.abs(torque).max() > 0.0:
-            torque *= length_unit**2
-            springs[j] = _as_spring(angles, torque)
-            rms = _left(springs[j], angles, torque)
-            if rms > 0.05 * np.abs(torque).max():
-                left.append(
-                    f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)"
-                )
-    return springs, left
+        inverse = sum(float(model.dof_invweight0[model.jnt_dofadr[j]]) for j in (first, second))
+        stiffness = stiffness_at_rest(model, model.eq_solref[i], model.eq_solimp[i], inverse)
+        if first < second:
+            stiffness *= ratio**2
+            first, second, ratio, offset = second, first, 1.0 / ratio, -offset / ratio
+        coupled.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0, stiffness))
+    return coupled, left
 
 
-def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
-    """Return the spring whose torque over the range is nearest; where it is relaxed, its stiffness
-    is not negative.
+def softened(
+    coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], length_unit: float
+) -> list[Coupled]:
+    """Return the couplings with ratio and offset at rest, where the spring of each follower pulls
+    against the coupling: K (ρ θ_l + o − θ_f) = k (θ_f − θ₀).
+
+    Args:
+        springs: index of a joint → its raw return spring.
+        length_unit: metres in one unit of length of the model.
     """
-    span = float(angles[-1] - angles[0])
-    for degree in (3, 1):
-        fitted = np.polynomial.Polynomial.fit(angles, torque, degree).convert()
-        slope = fitted.deriv()
-        middle = (angles[0] + angles[-1]) / 2
-        # further away it is rounding that bends the curve
-        roots = [
-            float(root.real)
-            for root in fitted.roots()
-            if abs(root.imag) < 1e-9
-            and -slope(root.real) > 0.0
-            and abs(root.real - middle) <= FARTHEST_REST * span
-        ]
-        if roots:
-            zero = min(roots, key=lambda root: abs(root - middle))
-            second = fitted.deriv(2)(zero) / 2
-            third = fitted.deriv(3)(zero) / 6
-            spring = {
-                "stiffness": -slope(zero),
-                "rest_angle": zero,
-                "quadratic": -second,
-                "cubic": -third,
-            }
-            return {name: float(f"{size:.6g}") for name, size in spring.items() if size}
-    # the torque does not fall over the range: a weak spring that is relaxed far away
-    mean = float(np.mean(torque))
-    weak = abs(mean) / (FARTHEST_REST * span)
-    return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}
-
-
-def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
-    x = angles - spring.get("rest_angle", 0.0)
-    terms = (spring["stiffness"], spring.get("quadratic", 0.0), spring.get("cubic", 0.0))
-    return float(np.sqrt(np.mean((np.polynomial.Polynomial([0.0, *terms])(x) + torque) ** 2)))
+    soft = list[Coupled]()
+    for pair in coupled:
+        spring = springs.get(pair.follower, {})
+        held = pair.stiffness * length_unit**2
+        pulled = spring.get("stiffness", 0.0)
+        share = held / (held + pulled)
+        rest = spring.get("rest_angle", 0.0)
+        offset = share * pair.offset + (1.0 - share) * rest
+        soft.append(
+            replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0)
+        )
+    return soft
 
 
 def described_drive(model: mujoco.MjModel, tendon: int, name: str, length_unit: float) -> Raw:

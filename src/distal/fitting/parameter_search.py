@@ -16,7 +16,9 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import FitError
-from distal.fitting.free_parameters import (
+from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
+from distal.fitting.likelihood import Derivatives, FitFilter, Problem
+from distal.fitting.parameters_and_priors import (
     FittedParameter,
     Free,
     Options,
@@ -26,8 +28,6 @@ from distal.fitting.free_parameters import (
     described,
     searching,
 )
-from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
-from distal.fitting.objective import Derivatives, FitFilter, Problem
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency

@@ -166,7 +166,7 @@ def variance(sensor: Sensor) -> float:
 
 LINEARITY_STD = 0.6
 """Std of linearity curves over positions and draws, as a share of the largest magnitude [1].
-Source: definition (std of `drawn_curve`, tests/test_sensor_errors.py).
+Source: definition (std of `drawn_curve`, tests/test_sensor_models.py).
 """
 
 

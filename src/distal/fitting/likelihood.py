@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.estimators import AdaptiveFilter, Robustness, first_values
-from distal.fitting.free_parameters import Free
+from distal.fitting.parameters_and_priors import Free
 from distal.kernels import Feed, Kernel, advance_all
 from distal.kernels.layout import COMPARED_ONLY
 from distal.logs import Log, true_angles

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from distal import Rig, load_rig
 from distal.arrays import Floats
 from distal.rig import Sensor
-from distal.sensor_errors import (
+from distal.sensor_models import (
     LINEARITY_STD,
     SensorErrors,
     drawn_curve,
