@@ -53,7 +53,6 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "nominal pull lasts": ("update", "NOMINAL_TIME", 0.0),
     "slack pairs, (26b)": ("prediction", "slack_pairs", nothing),
     "force's std in slack pairs": ("prediction", "SURE", 0.0),
-    "friction to a factor, joint_motion": ("joint_motion", "friction_stds", nothing),
     "a sensor off, unknown": ("guard_settings", "SHIFTED", 0.0),
     "a sensor off, felt": ("guard_settings", "SHIFTED_FELT", 0.0),
     "far from the logs": ("drive_tracking", "NEAR", INF),

@@ -63,7 +63,7 @@ def test_the_angle_is_right_its_band_holds_and_the_number_moves_to_the_plants(
         path = named(rig, own.path)
         assert abs(result.state(path)[-1] - true) < 0.6 * AWAY * own.std
         assert result.stds[-1, result.state_parts.index(path)] < 0.7 * own.std
-        assert errors(smooth(log, rig))[0] < 1.2 * rms
+        assert errors(smooth(log, rig))[0] < 0.07
 
 
 def test_a_load_cell_that_reads_too_much() -> None:

@@ -374,7 +374,6 @@ class Twin:
         for i, state in enumerate(self.states):
             if state.kind == "torque":
                 sigma[state.of] = sqrt(self.P[i, i])
-        sigma = np.sqrt(sigma**2 + self.model.limit_variances(x, s, rates, self.P))  # (10)
         h = dt / self.model.substeps
         for _ in range(self.model.substeps):
             theta, omega, by_x, by_s, rest = self.model.substep(x, s, rates, h, sigma)

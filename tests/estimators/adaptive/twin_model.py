@@ -18,7 +18,6 @@ from distal.model import (
     joint_frequency,
     kick_and_drift,
     responses,
-    soft,
     soft_moments,
 )
 from distal.rig import Rig
@@ -101,22 +100,11 @@ class TwinModel:
         smooth, remaining = list(ca.vertsplit(speeds[: self.n_j])), [ca.SX(0)] * self.n_j
         constants, values = [], []
         for i, joint in enumerate(rig.joints):
-            pushed = joint.external_torque.std > 0
-            if not pushed and not self.doubted(i):
+            if joint.external_torque.std == 0:
                 continue
             b = response[i, 1]
             mass = ca.if_else(h > 0, h / b, self.mechanism.inertias()[i])
             push, held = mass * z[i], mass * (1 + b * damping[i])
-            if joint.stops is not None and not pushed:
-                # a hand may take the joint off its stop, unsure friction does not
-                stiffness, damper, low, high = self.mechanism.stop(i)
-                free = soft(z[i], limits[i]) / (1 + b * damping[i])
-                end = q[i] + h * free
-                above = ca.logic_and(end > high, stiffness * (end - high) + damper * free > 0)
-                below = ca.logic_and(end < low, stiffness * (end - low) + damper * free < 0)
-                touches = ca.logic_or(above, below) * h
-                push -= touches * stiffness * (q[i] - ca.if_else(above, high, low))
-                held += touches * (response[i, 3] * stiffness * h + damper)
             friction = [mass * side for side in (limits[i].up, limits[i].down)]
             inertia, speed, forward, back = (ca.SX.sym(name) for name in ("m", "w", "f", "b"))
             limit = Limit(*(side / held for side in friction))
@@ -136,28 +124,6 @@ class TwinModel:
         outputs = [*self._with_parameters(*outputs), by_x, by_s]
         outputs = ca.substitute(outputs, constants, self._with_parameters(*values))
         return ca.Function("substep", [self.x, self.s, self.rates, h, sigma], outputs)
-
-    def doubted(self, joint: int) -> list[int]:
-        """States of a joint's friction that are known to a factor only."""
-        p = self.mechanism.parameters
-        own = [i for i, state in enumerate(self.states) if state.kind == "parameter"]
-        own = [i for i in own if p.names[self.states[i].of].startswith(f"joints.{joint}.friction.")]
-        return [
-            i
-            for i in own
-            if p.independent_stds[self.states[i].of] > 0.5 * p.values[self.states[i].of] > 0
-        ]
-
-    def limit_variances(self, x: Floats, s: Floats, rates: Floats, covariance: Floats) -> Floats:
-        """l_x P l_xᵀ of each joint's friction limit at the start of an interval, by these states
-        alone.
-        """
-        _, slopes, _ = self.compared(x, s, rates)["friction"]
-        found = np.zeros(self.n_j)
-        for j in range(self.n_j):
-            own = self.doubted(j)
-            found[j] = slopes[j, own] @ covariance[np.ix_(own, own)] @ slopes[j, own]
-        return found
 
     def substep(self, x: Floats, s: Floats, rates: Floats, h: float, sigma: Floats) -> list[Floats]:
         theta, omega, rest, by_x, by_s = self.step_function(x, s, rates, h, sigma)

@@ -1,9 +1,7 @@
-"""One sub-step of the joints and the slopes of their speeds, all joints at once, where friction
-may be known to a factor only.
+"""One sub-step of the joints and the slopes of their speeds, all joints at once.
 
-At the mean of its limit a joint that sticks has zero slopes: readings that wrong friction causes
-would then be explained by wrong stiffnesses. So the slopes are those of the expectation over the
-limit, as with an uncertain torque, (10).
+A joint that sticks has zero slopes. Where an external torque is uncertain, the slopes are those of
+the expectation over it, (10).
 
 Move the joints over an interval: measured displacements move the tendons, the tendons move the
 joints. Equations (7) to (10).
@@ -14,7 +12,7 @@ displacements, so that sliders, their ringing and their stops are no part of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -47,47 +45,6 @@ from distal.model import (
 )
 from distal.model.stepping import Kicked
 
-
-def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
-    """Return joint → indices of the states of its friction, for joints whose friction is known to a
-    factor only.
-    """
-    p = states.context.mechanism.parameters
-    doubted = dict[int, list[int]]()
-    for i, state in enumerate(states.states):
-        if state.doubted:
-            _, joint, *_ = p.names[state.indices[0]].split(".")
-            doubted.setdefault(int(joint), []).append(i)
-    return doubted
-
-
-def friction_stds(
-    states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix
-) -> dict[int, Scalar]:
-    """Return joint → std of its friction limit [N m], at q and v, from the uncertainty of its
-    friction.
-
-    It is at a symbolic `mean`, (n,), with a `covariance`, (n, n).
-    """
-    mechanism = states.context.mechanism
-    doubted = doubted_frictions(states)
-    if not doubted:
-        return {}
-    pulls = mechanism.pulls(q, v)
-    limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)
-    stds = dict[int, Scalar]()
-    for joint, at in doubted.items():
-        frictions = ca.SX.sym("frictions", len(at))
-        state = ca.SX(mean)
-        state[at] = frictions
-        limit = ca.substitute(
-            limits[joint].mean, mechanism.parameters.symbols, states.parameters(state)
-        )
-        slope = ca.substitute(ca.jacobian(limit, frictions), frictions, mean[at])
-        stds[joint] = ca.sqrt(ca.fmax(ca.mtimes([slope, covariance[at, at], slope.T]), 0))
-    return stds
-
-
 TINY_STD = 1e-9
 """Added to the standard deviation of a joint's speed so that its moments stay finite where no time
 passes [rad/s]. Source: rounding (division by zero).
@@ -98,10 +55,9 @@ passes [rad/s]. Source: rounding (division by zero).
 class Moving:
     """The bodies after a sub-step, and the slopes of the joints' speeds.
 
-    Mean and motion are exact. Where an external torque can occur, or the friction is known to a
-    factor only, the slopes and the remaining variance are those of the expectation over torque and
-    friction (`soft_moments`): a hand may move a joint that sticks, or the joint may not stick,
-    although the linearisation says that it cannot move.
+    Mean and motion are exact. Where an external torque can occur, the slopes and the remaining
+    variance are those of the expectation over it (`soft_moments`): a hand may move a joint that
+    sticks, although the linearisation says that it cannot move.
 
     Args:
         q: coordinates, (n_bodies,).
@@ -149,12 +105,10 @@ def _softened(
     kick: Kick,
     kicked: Kicked,
     stds: Vector,
-    pushed: Sequence[int],
-    doubted: Sequence[int],
+    turned: Collection[int],
+    declared: Collection[int],
 ) -> Softened:
-    """Return the equation of a sub-step, see `moving`, where a torque may act or friction is known
-    to a factor only.
-    """
+    """Return the equation of a sub-step, see `moving`."""
     free = context.mechanism.free
     count = len(free)
     weight, forward, back = (
@@ -167,10 +121,10 @@ def _softened(
     stiffness = ca.SX(kicked.contacts.stiffness)
     damping = ca.SX(kicked.contacts.damping)
     for k, j in enumerate(free):
-        if j not in pushed and j not in doubted:
+        if j not in turned:
             continue
         pressing = ca.SX(0)
-        if j in pushed:
+        if j in declared:
             # a hand may take the joint off its stop: the expectation does without it
             pressing = stiffness[k] * (kick.q[j] - kicked.contacts.position[k])
             matrix[k, k] -= damping[k]
@@ -199,8 +153,8 @@ def moving(
     kick: Kick,
     torques: Vector,
     stds: Vector,
-    pushed: Sequence[int],
-    doubted: Sequence[int],
+    turned: Collection[int],
+    declared: Collection[int],
 ) -> Moving:
     """Return the bodies after a sub-step; the drives move as measured.
 
@@ -211,10 +165,9 @@ def moving(
         context: the rig as the filter reads it.
         kick: symbols of the sub-step; the joints' efforts are `torques`.
         torques: external torques on the joints, symbols, (n_joints,).
-        stds: standard deviations of external torque and friction limit together, symbols,
-            (n_joints,).
-        pushed: indices of the joints on which an external torque can act.
-        doubted: indices of the joints whose friction is known to a factor only.
+        stds: standard deviations of external torque, symbols, (n_joints,).
+        turned: indices of the joints on which an external torque can act.
+        declared: of those for which the rig says so.
     """
     mechanism = context.mechanism
     nj = context.n_joints
@@ -222,7 +175,7 @@ def moving(
     count = len(mechanism.free)
     length = kick.length
     after = kicked.v[mechanism.free]
-    soft = _softened(context, kick, kicked, stds, pushed, doubted)
+    soft = _softened(context, kick, kicked, stds, turned, declared)
     unknown = symbols(
         ca.SX,
         after=count,
@@ -377,7 +330,7 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 
     The function is (mean, P, memory, tracks, x, p) → positions of the drives at its start, their
     speeds, external torques, slopes of the positions by states (`StateVector.placing`); stds of
-    torques and friction limits, the model's parameters, and the joints' `damped_inertias`, which in
+    torques, the model's parameters, and the joints' `damped_inertias`, which in
     a chain are those of the joints' own inertias alone and stay unused.
     """
     context = states.context
@@ -409,10 +362,6 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     spreads = [
         ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) for at in of_joints
     ]
-    q = ca.vertcat(mean[:nj], *starts)
-    v = ca.vertcat(mean[nj : 2 * nj], *rates)
-    for j, std in friction_stds(states, q, v, mean, covariance).items():
-        spreads[j] = ca.sqrt(spreads[j] ** 2 + std**2)
     outputs = [
         ca.vertcat(*starts),
         ca.vertcat(*rates),
@@ -450,9 +399,9 @@ def _substep(states: StateVector) -> ca.Function:
     parameter_slopes = ca.substitute(ca.jacobian(states.parameters(state), state), p, rig_p)
     # what the rig declares may take a joint off its stop; a torque that forces tell of later moves
     # what sticks alone
-    pushed = [j for j, joint in enumerate(mechanism.rig.joints) if joint.external_torque.std > 0.0]
-    stuck = {*doubted_frictions(states), *states.torque_states.values()}
-    step = moving(context, kick, torques, spreads, pushed, sorted(stuck))
+    joints = enumerate(mechanism.rig.joints)
+    declared = [j for j, joint in joints if joint.external_torque.std > 0.0]
+    step = moving(context, kick, torques, spreads, states.torque_states.values(), declared)
     along = ca.SX(nj, count + nd)
     along[:, count:] = step.by_position[:, nj:]
     if acting:

@@ -12,7 +12,7 @@ docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import casadi as ca
 
@@ -25,7 +25,6 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import StateKind
 from distal.estimators.kinematic import Downdate, along, symmetric
 from distal.expressions import (
-    Matrix,
     MatrixNode,
     Scalar,
     ScalarNode,
@@ -465,11 +464,8 @@ def following_function(states: StateVector, at: int) -> ca.Function:
         reached = [bounds.low, bounds.high]
         by_drives = [ca.jacobian(bound, q)[0, context.n_joints :] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
-        noises = [_noise(states, i) for i in range(nd)]
         by_low = ca.jacobian(low, state)
         by_high = ca.jacobian(high, state)
-        low -= CREST * _std(slopes[0], noises)
-        high += CREST * _std(slopes[1], noises)
         moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION)
         row = moments.by_low * by_low + moments.by_high * by_high
         row[0, at] += moments.by_mean
@@ -477,12 +473,3 @@ def following_function(states: StateVector, at: int) -> ca.Function:
         noise = sum((pushed[0, i] ** 2 * tracks[i].variance for i in range(nd)), ca.SX(0))
         outputs = [moments.mean, row.T, moments.rest + noise]
     return dense_function("follow", [*inputs, p], outputs)
-
-
-def _noise(states: StateVector, drive: int) -> Scalar:
-    sensor = states.context.position_sensor(drive)
-    return 0 if sensor is None else states.context.noise(sensor)
-
-
-def _std(slopes: Matrix, noises: Sequence[Scalar]) -> Scalar:
-    return ca.sqrt(sum((slopes[0, i] ** 2 * noise for i, noise in enumerate(noises)), ca.SX(0)))

@@ -96,7 +96,6 @@ class State:
         lowest: lower limit at which it is kept.
         unidentified: whether forces and displacements do not tell it; then only a reference angle
             teaches it.
-        doubted: whether it is friction of a joint that is known to a factor only.
         mean_by: the prior mean as an expression of inputs of the filter, which a fit may vary.
         std_by: the same for the standard deviation.
         fades_in: time constant with which it fades towards zero, as such an expression [s]: x⁺ = f
@@ -118,7 +117,6 @@ class State:
     walk: float = 0.0
     lowest: float = -np.inf
     unidentified: bool = False
-    doubted: bool = False
     mean_by: Callable[[], Scalar] | None = None
     std_by: Callable[[], Scalar] | None = None
     fades_in: Callable[[], Scalar] | None = None
@@ -129,7 +127,7 @@ class State:
     def structure(self) -> tuple[object, ...]:
         """What the structure of a kernel depends on in this state: all but its values."""
         bounded = bool(np.isfinite(self.lowest))
-        acts = self.indices, self.acts, self.unidentified, self.doubted
+        acts = self.indices, self.acts, self.unidentified
         return self.name, self.kind.name, self.walk > 0.0, bounded, *acts
 
 
@@ -542,7 +540,6 @@ def _value(context: FilterContext, index: int, value: float, std: float) -> Stat
         lowest = SMALLEST_VALUE * spread
     # where no drive pulls against another, forces are those of friction and say little of all else
     alone = context.n_drives <= context.n_joints
-    of_friction = name.startswith("joints.") and name.split(".", 2)[2].startswith("friction.")
     return State(
         in_words(context.rig, name),
         StateKind.PARAMETER,
@@ -553,7 +550,6 @@ def _value(context: FilterContext, index: int, value: float, std: float) -> Stat
         walk=_walk(context, index, spread),
         lowest=lowest,
         unidentified=alone and lowest > 0.0 and rough,
-        doubted=rough and of_friction,
     )
 
 
