@@ -68,7 +68,6 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "speed at first": ("states", "START_SPEED", 1e-3),
     "position walks": ("states", "POSITION_WALK", 0.0),
     "calm effort": ("states", "CALM", 1e-3),
-    "dead time": ("guard_settings.Robustness", "dead_time", 0.0),
     "bend": ("guard_settings.Robustness", "bend_share", 0.0),
     "parameters walk": ("guard_settings.Robustness", "parameter_walk", 0.0),
     "angles walk": ("guard_settings.Robustness", "angle_walk", 0.0),

@@ -245,6 +245,8 @@ class Twin:
         else:
             u = either if tells else max(astray, either)
         if k == 0:
+            wandering = 1.0 if self.rig.drives[i].kind == "capstan" else 0.01  # (4b)
+            u = max(u, (wandering * max(tau - 5.0 / sensor.rate, 0.0)) ** 2)
             self.taken["led on, briefly" if tau < 1.5 / sensor.rate else "led on, for long"] += 1
         elif far:
             self.taken["wild displacement"] += p <= 0.5

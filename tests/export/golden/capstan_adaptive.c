@@ -68,7 +68,7 @@ static void readings(const float* restrict a0, const float* restrict a1, const f
   const float v6 = a2[3] * v5;
   r0[1] = v6;
   r0[2] = 1.24385446e-07f;
-  r0[3] = 0.5f;
+  r0[3] = 0.025f;
   r0[4] = 1.0f;
   r0[5] = 0.0f;
   r0[6] = 0.0f;

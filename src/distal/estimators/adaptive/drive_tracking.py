@@ -28,7 +28,7 @@ from distal.estimators.adaptive.guard_settings import (
     jump_evidence,
 )
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, dead_after
+from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode, dense_function, symbols
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
 from distal.regression import MOST_EVIDENCE, added
@@ -251,7 +251,7 @@ def _readings(states: StateVector) -> ca.Function:
             lag = context.number(f"{context.path(sensor)}.lag")
             reading = position + (reading - position) * (1 - ca.exp(-x[0] / lag))
         rate = context.number(f"{context.path(sensor)}.rate")
-        dead = ca.fmax(context.robustness.dead_time, DEAD_INTERVALS / rate)
+        dead = DEAD_INTERVALS / rate
         wandering = UNKNOWN_POSITION[context.rig.drives[i].kind] / WANDERING
         usual = [context.number(f"{context.path(sensor)}.{name}") for name in USUAL]
         table[: 5 + len(usual), i] = ca.vertcat(
@@ -418,7 +418,8 @@ time without a value after which it may not come back [s], the growth of its std
 def judged_by(rig: Rig, sensor: Sensor) -> Floats:
     """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
     wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
-    return np.array([variance(sensor), dead_after(sensor), wandering, *usual_motion(rig, sensor)])
+    dead = DEAD_INTERVALS / sensor.rate
+    return np.array([variance(sensor), dead, wandering, *usual_motion(rig, sensor)])
 
 
 def begun_alone(reading: Expression, is_there: Expression, unknown: float = 0.0) -> Expression:

@@ -13,7 +13,6 @@ from math import inf, isfinite, radians
 
 import casadi as ca
 
-from distal.estimators.estimator_protocol import DEAD
 from distal.expressions import Scalar
 from distal.regression import MOST_EVIDENCE
 
@@ -53,8 +52,6 @@ class Robustness:
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
         angle_walk: random walk of the joints' angles, which the model of a stuck joint lacks
             [rad/√s].
-        dead_time: time without a value, if it is also five intervals, after which a position may
-            not come back [s].
         opens_torques: whether an external torque that the rig does not declare may act on a joint
             once forces say so (29).
         moving_only: where friction is declared, let only forces of drives that clearly move count,
@@ -118,8 +115,6 @@ class Robustness:
     """
     angle_walk: float = 0.0
     """docs/results/chains.md: of one joint, `unmodelled` does the same"""
-    dead_time: float = DEAD
-    """docs/results/chains.md: in a chain a force whose position is unknown misleads at once"""
     opens_torques: bool = False
     """docs/results/chains.md, "Something happens"; of one joint friction and a torque cannot be
     told apart so soon
@@ -175,7 +170,6 @@ class Robustness:
             beyond_time=0.2,
             reference_time=0.5,
             angle_walk=radians(0.3),
-            dead_time=0.0,
             opens_torques=True,
         )
 
