@@ -107,13 +107,20 @@ def test_columns_whose_names_say_nothing_are_passed_over_beside_named_ones() -> 
     assert found["y_b [wibble]"].role == "other"
 
 
-def test_a_joint_that_goes_ahead_of_another_is_no_command_of_it() -> None:
+@pytest.mark.parametrize(
+    "names",
+    ["mcp_deg pip_deg", "index_deg middle_deg", "jaw_left jaw_right", "upper_deg lower_deg"]
+    + ["f1_mcp_flex f1_pip_flex", "bend_deg twist_deg", "thumb_ip thumb_mcp"],
+)
+def test_a_joint_that_goes_ahead_of_another_is_no_command_of_it(names: str) -> None:
     """The joints of an underactuated finger go alike, and one of them first."""
     columns = finger(2)
-    first = columns["mcp_deg"]
-    columns["pip_deg"] = np.concatenate([np.full(10, first[0]), first[:-10]])
+    first = columns.pop("mcp_deg")
+    del columns["pip_deg"]
+    late = np.concatenate([np.full(10, first[0]), first[:-10]])
+    columns |= dict(zip(names.split(), (first, late)))
     found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
-    assert found["mcp_deg"] == found["pip_deg"] == "angle"
+    assert {found[name] for name in names.split()} == {"angle"}
 
 
 def polish(seed: int) -> dict[str, np.ndarray]:

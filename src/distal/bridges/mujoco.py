@@ -122,29 +122,7 @@ def _add_links(spec: mujoco.MjSpec, rig: Rig) -> None:
 def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
     """Return the model with all parts but the links, and with their numbers."""
     names = _names(rig)
-    for drive in rig.drives:
-        name = f"drive_{drive.name}"
-        if spec.joint(name) is None:
-            joint = spec.worldbody.add_body(name=name).add_joint(name=name, axis=(1, 0, 0))
-            if drive.kind == "slider":
-                joint.type = mujoco.mjtJoint.mjJNT_SLIDE
-        actuator = spec.add_actuator(
-            name=drive.name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
-        )
-        servo = drive.servo
-        if servo is not None and servo.stiffness is not None:
-            actuator.set_to_position(servo.stiffness, dampratio=1, timeconst=servo.lag)
-        if drive.limit is not None:
-            actuator.forcerange = -drive.limit, drive.limit
-    for sensor in rig.sensors:
-        if sensor.measures in MEASURED:
-            spec.add_sensor(
-                name=sensor.name,
-                type=MEASURED[sensor.measures],
-                noise=sensor.noise,
-                objname=sensor.of if sensor.measures == "angle" else f"drive_{sensor.of}",
-                objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            )
+    _add_drives_and_sensors(spec, rig)
     described = plain_value(rig.bare().model_dump(exclude_defaults=True))
     spec.add_text(name=EMBEDDED, data=tomlkit.dumps(described))
     mechanism = Mechanism(_unlinked(rig))
@@ -202,6 +180,33 @@ def _with_parts(spec: mujoco.MjSpec, rig: Rig) -> mujoco.MjModel:
             model.jnt_solref[joint] = -share * stop
             model.jnt_solimp[joint, :2] = 1 - share
     return model
+
+
+def _add_drives_and_sensors(spec: mujoco.MjSpec, rig: Rig) -> None:
+    """Add the drives with their actuators, and the sensors, to a model."""
+    for drive in rig.drives:
+        name = f"drive_{drive.name}"
+        if spec.joint(name) is None:
+            joint = spec.worldbody.add_body(name=name).add_joint(name=name, axis=(1, 0, 0))
+            if drive.kind == "slider":
+                joint.type = mujoco.mjtJoint.mjJNT_SLIDE
+        actuator = spec.add_actuator(
+            name=drive.name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
+        servo = drive.servo
+        if servo is not None and servo.stiffness is not None:
+            actuator.set_to_position(servo.stiffness, dampratio=1, timeconst=servo.lag)
+        if drive.limit is not None:
+            actuator.forcerange = -drive.limit, drive.limit
+    for sensor in rig.sensors:
+        if sensor.measures in MEASURED:
+            spec.add_sensor(
+                name=sensor.name,
+                type=MEASURED[sensor.measures],
+                noise=sensor.noise,
+                objname=sensor.of if sensor.measures == "angle" else f"drive_{sensor.of}",
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            )
 
 
 def _function(mechanism: Mechanism) -> ca.Function:

@@ -58,12 +58,13 @@ WORDS: Mapping[str, str] = {
     "truth": "truth true",
     "joint": "joint link junta external gelenk articulation articulacion giunto",
     "reference": "ref reference",
-    "finger": "q mcp pip dip cmc wrist elbow finger thumb knee yaw pitch roll jaw "
-    "hand poignet doigt muneca dedo polso dito handgelenk daumen flex flexion abd "
-    "abduction tilt inclination bend bending orientation deflection heading neck shoulder hip "
-    "ankle toe trunk th knuckle neigung beugung inclinaison inclinacion inclinazione",
+    "finger": "q mcp pip dip cmc ip wrist elbow finger thumb middle ring pinky knee yaw pitch roll "
+    "jaw hand poignet doigt muneca dedo polso dito handgelenk daumen flex flexion abd abduction "
+    "tilt twist splay spread inclination bend bending orientation deflection heading neck shoulder "
+    "hip ankle toe trunk th knuckle neigung beugung inclinaison inclinacion inclinazione",
     "index": "index",
-    "side": "links rechts",
+    "side": "links rechts left right upper lower inner outer front rear distal tip gauche droite "
+    "izquierda derecha sinistra destra",
     "command": "cmd command goal target setpoint sp soll sollwert consigne consigna comando "
     "commanded tgt ctrl referencia desired befehl action des ziel cible objetivo obiettivo input "
     "demand set requested",
@@ -220,7 +221,7 @@ class NameEvidence:
     @property
     def kind_of_name(self) -> tuple[object, ...]:
         """What it shares with columns of the same kind: what is measured and how many words there
-        are, else its words without numbers and names of joints.
+        are, else its words without numbers and known ones.
         """
         words = [word for word in self.subject.split("_") if word]
         return (
@@ -305,6 +306,8 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
         kinds[kinds.index("index")] = "finger"
     if "proximal" in kinds and "joint" in kinds:  # of a finger's joints the first
         kinds[kinds.index("proximal")] = "finger"
+    if "finger" in kinds and "f" in words[:1] and words[1].isdigit():
+        kinds.remove("force")  # f1_mcp is of the first finger
     if "current" in kinds and {"place", "position", "unused"} & set(kinds):
         kinds.remove("current")  # the present one
     evidence = [EVIDENCE.get(kind, {}) for kind in kinds]

@@ -286,12 +286,9 @@ def found_drive(
     if is_read:
         per_speed = effort_sign * constant * gear
         friction = drive_friction(logs, index, structure, constant, per_speed, not is_current)
-    stiffening = 0.0
-    if knows and not is_pair and structure.curvature != 0.0:
-        # of T = T_pre + k (exp(a δ) − 1)/a with dT/dδ = K: dδ/dT = 1/K and d²δ/dT² = −a/K²
-        per_curvature = 2.0 * stiffness * lever / (constant * structure.compliance)
-        bend = -per_curvature * structure.curvature * np.sign(structure.effort)
-        stiffening = max(float(bend), 0.0)
+    stiffening = (
+        0.0 if is_pair or not knows else _stiffening(structure, stiffness * lever / constant)
+    )
     if stiffening > 0.0:
         loose = max(stiffness - stiffening * usual, exp(-STEEPEST) * stiffness)
         pretension = max(loose * float(np.expm1(-stiffening * zero)) / stiffening, 0.0)
@@ -323,6 +320,14 @@ def found_drive(
         friction=friction,
         load=load,
     )
+
+
+def _stiffening(structure: DriveStructure, per_effort: float) -> float:
+    """Return a of T = T_pre + k (exp(a δ) − 1)/a [1/m] by what a drive moves, with the stiffness
+    times the lever per unit of effort: dδ/dT = 1/K and d²δ/dT² = −a/K², where dT/dδ = K.
+    """
+    bend = structure.curvature * np.sign(structure.effort) / structure.compliance
+    return max(float(-2.0 * per_effort * bend), 0.0)
 
 
 @dataclass(frozen=True)

@@ -405,8 +405,9 @@ def with_values(names: Names, logs: Sequence[RawLog], time: str) -> Names:
             result[header] = as_role(name, "other")
         for j in np.flatnonzero(alike[i]):
             other = names[movers[j]]
-            # motors that go together are called alike
-            is_pair = other.best == name.best and other.kind_of_name != name.kind_of_name
+            # motors that go together are called alike, and what is called a joint has no goal
+            is_pair = other.best == name.best == "position"
+            is_pair &= other.kind_of_name != name.kind_of_name
             if is_pair and v[:, i] @ (x[:, j] - x[:, i]) < 0.0:
                 result[header] = as_role(name, "command")
     return result

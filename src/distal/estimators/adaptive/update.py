@@ -574,15 +574,11 @@ def updated(
         if row.measured and row.name in kept.forces:
             # a force whose drive's position is lost tells nothing of torques
             position_is_read = 1 if row.drive is None else Tracks(tracks)[row.drive].lost == 0
-            outputs = watch(
-                kept=FORCE.joined(**kept.forces[row.name]),
-                innovation=comparison.innovation,
-                variance=spread + variance,
-                is_used=share_used(ROW.part(at.values, "mask")) * position_is_read,
-                dt=dt,
-            )
-            evidence[row.name] = outputs
-            kept.forces[row.name] = {part: outputs[part] for part in FORCE.names}
+            used = share_used(ROW.part(at.values, "mask")) * position_is_read
+            force = FORCE.joined(**kept.forces[row.name])
+            outputs = watch(force, comparison.innovation, spread + variance, used, dt)
+            evidence[row.name] = dict(zip(watch.name_out(), outputs))
+            kept.forces[row.name] = dict(zip(FORCE.names, outputs))
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         if row.measured:
