@@ -109,8 +109,10 @@ def test_columns_whose_names_say_nothing_are_passed_over_beside_named_ones() -> 
 
 @pytest.mark.parametrize(
     "names",
-    ["mcp_deg pip_deg", "index_deg middle_deg", "jaw_left jaw_right", "upper_deg lower_deg"]
-    + ["f1_mcp_flex f1_pip_flex", "bend_deg twist_deg", "thumb_ip thumb_mcp"],
+    [
+        *("mcp_deg pip_deg", "index_deg middle_deg", "jaw_left jaw_right", "upper_deg lower_deg"),
+        *("f1_mcp_flex f1_pip_flex", "bend_deg twist_deg", "thumb_ip thumb_mcp"),
+    ],
 )
 def test_a_joint_that_goes_ahead_of_another_is_no_command_of_it(names: str) -> None:
     """The joints of an underactuated finger go alike, and one of them first."""
