@@ -67,9 +67,10 @@ def test_whole_numbers_of_any_unit(read: Read, size: int, said: str | None) -> N
     np.testing.assert_allclose(log.time, TIME, atol=1e-15)
 
 
-def test_seconds_with_a_fraction(read: Read) -> None:
+@pytest.mark.parametrize("size", [1e9, 1e6])
+def test_seconds_or_milliseconds_with_a_fraction(read: Read, size: float) -> None:
     """A float of 1.8e9 s tells 0.24 µs."""
-    log = read(NANOSECONDS / 1e9)
+    log = read(NANOSECONDS / size)
     np.testing.assert_allclose(log.stamps, NANOSECONDS, rtol=0, atol=500)
     np.testing.assert_allclose(log.time, TIME, atol=1e-6)
 

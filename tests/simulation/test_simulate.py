@@ -12,6 +12,7 @@ from distal.errors import ScenarioError
 from distal.model import Mechanism
 from distal.rig import angle_names
 from distal.simulation import build_scenario
+from distal.simulation.plant import ends_of_outputs
 from distal.simulation.simulate import Sampler, stamps_of
 
 EXAMPLE = """
@@ -263,3 +264,14 @@ def test_a_motion_in_pieces_is_read_as_the_whole() -> None:
     assert np.isfinite(whole[:, due["u2"]]).sum() == 25
     other = Sampler(plant, 3).read(y, grid, stamps_of(rig, 0.0, 1.0))
     assert not np.allclose(other[:, due["x1"]], whole[:, due["x1"]], atol=1e-5, equal_nan=True)
+
+
+def test_a_position_that_a_servo_follows_late_is_ahead_of_it() -> None:
+    """A command is read: s + T ds/dt with the servo's lag T."""
+    exact = {f"sensors.x1.{name}": 0.0 for name in ("linearity", "noise", "resolution")}
+    plant = Mechanism(load_rig("template").with_values({**exact, "sensors.x1.lag": 0.1}))
+    grid = 0.01 * np.arange(3)
+    y = np.zeros((3, ends_of_outputs(plant)[-1]))
+    y[:, plant.n_joints] = 0.2 * grid
+    y[:, plant.n_bodies + plant.n_joints] = 0.2
+    np.testing.assert_allclose(Sampler(plant, 1).read(y, grid, grid)[:, 0], 0.2 * (grid + 0.1))
