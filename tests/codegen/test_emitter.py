@@ -14,7 +14,7 @@ import pytest
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.codegen.emitter import WRITERS
-from distal.codegen.writers import Value
+from distal.codegen.instructions import Value
 from distal.kernels import find_compiler
 from distal.kernels.compiler import OPTIMISED, OPTIMISED_LANES, compiled_source
 from distal.model import soft_moments

@@ -1,6 +1,6 @@
 """Functions as C, each written once and after those that it calls: of matrices (MX), see
-``writers``, or of scalars (SX), whose operations are lines; and the definition of a function around
-its lines.
+``instructions``, or of scalars (SX), whose operations are lines; and the definition of a function
+around its lines.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from itertools import chain, count, islice
 
 import casadi as ca
 
-from distal.codegen.number_types import CodeError, Dialect
-from distal.codegen.writers import WRITERS as WRITERS
-from distal.codegen.writers import Body, WriteFunction, write_matrices
+from distal.codegen.instructions import WRITERS as WRITERS
+from distal.codegen.instructions import Body, WriteFunction, write_matrices
+from distal.codegen.numbers_and_operations import CodeError, Dialect
 
 
 @dataclass(frozen=True)
