@@ -30,7 +30,7 @@ from distal import (
     simulate,
 )
 from distal.codegen import Emitter, Plain
-from distal.codegen.numbers_and_operations import CALLED
+from distal.codegen.operations_and_number_types import CALLED
 from distal.export import Exported, c_filter
 from distal.kernels import find_compiler
 from distal.logs import write_log

@@ -6,7 +6,7 @@ microcontroller that is most of the memory, and it has no vector lanes. docs/res
 has the figures.
 
 In: CasADi functions and a dialect (double, float, vector lanes); out: lines of C. Each module knows
-only those before it: ``numbers_and_operations``; ``instructions``, each a function from an
+only those before it: ``operations_and_number_types``; ``instructions``, each a function from an
 instruction to lines of C, with their memory; ``emitter`` for all functions.
 
 An operation of matrices that has no C yet is one more writer, and one more line in the table of
@@ -14,6 +14,6 @@ An operation of matrices that has no C yet is one more writer, and one more line
 """
 
 from distal.codegen.emitter import Emitter, unused
-from distal.codegen.numbers_and_operations import CodeError, Dialect, Lanes, Plain
+from distal.codegen.operations_and_number_types import CodeError, Dialect, Lanes, Plain
 
 __all__ = ["CodeError", "Dialect", "Emitter", "Lanes", "Plain", "unused"]

@@ -14,7 +14,7 @@ import casadi as ca
 
 from distal.codegen.instructions import WRITERS as WRITERS
 from distal.codegen.instructions import Body, WriteFunction, write_matrices
-from distal.codegen.numbers_and_operations import CodeError, Dialect
+from distal.codegen.operations_and_number_types import CodeError, Dialect
 
 
 @dataclass(frozen=True)

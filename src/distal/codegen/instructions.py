@@ -30,7 +30,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from distal.codegen.numbers_and_operations import CodeError, Dialect
+from distal.codegen.operations_and_number_types import CodeError, Dialect
 from distal.expressions import MatrixNode
 
 UNROLLED = 3
