@@ -13,7 +13,6 @@ import time
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -33,13 +32,13 @@ from tests.support.cases import (
 )
 from tests.support.lower_bound import lower_bound
 
+import distal
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
-from benchmarks.shell import estimate
-from distal import ESTIMATORS, Log, Rig, load_rig, read_log
+from benchmarks.shell import Found, estimate
+from distal import ESTIMATORS, Estimate, Log, Rig, load_rig, read_log
 from distal.confidence import BAND
-from distal.errors import DistalError
-from distal.estimators import KernelEstimator, make_estimator
+from distal.errors import DivergedError
 
 ABLE = tuple(name for name in ESTIMATORS if name != "regression")
 """`regression` is left out: these rigs have no `[map]`, since no log of these plants comes before
@@ -67,25 +66,17 @@ class Score:
     bound: float
 
 
-def estimator_named(name: str, rig: Rig) -> KernelEstimator:
-    """Return an estimator or a rival of that name."""
-    return RIVALS[name](rig) if name in RIVALS else make_estimator(name, rig)
-
-
-@lru_cache(maxsize=64)
-def _maker(name: str, plant: str) -> KernelEstimator:
-    return estimator_named(name, paper_rig(plant))
-
-
-@lru_cache(maxsize=8)
-def _hand_maker(name: str, friction: str) -> KernelEstimator:
-    return estimator_named(name, hand_rig(friction))
+def found_by(name: str, log: Log, rig: Rig) -> Estimate | Found:
+    """Return what the command finds with an estimator of that name, or what a rival does."""
+    if name in RIVALS:
+        return distal.estimate(log, rig, RIVALS[name](rig))
+    return estimate(log, rig, name)
 
 
 def score(
     log: Log,
     rig: Rig,
-    estimator: KernelEstimator,
+    estimator: str,
     labels: tuple[str, str, str],
     seed: int,
     bound: float = np.nan,
@@ -94,8 +85,8 @@ def score(
     90°.
     """
     try:
-        result = estimate(log, rig, estimator)
-    except DistalError:
+        result = found_by(estimator, log, rig)
+    except DivergedError:
         return Score(*labels, seed, 90.0, 0.0, np.nan, np.nan, bound)
     error, std = result.errors(), np.maximum(result.theta_std, 1e-9)
     nees = float(np.mean((error / std) ** 2))
@@ -116,21 +107,18 @@ def run(job: tuple[str, str, int]) -> list[Score]:
     kind, plant, seed = job
     if kind == "hand":
         log = hand_log(seed)
-        maker = _hand_maker("adaptive", plant)
-        return [score(log, hand_rig(plant), maker, (kind, plant, "adaptive"), seed)]
+        return [score(log, hand_rig(plant), "adaptive", (kind, plant, "adaptive"), seed)]
     log, rig = paper_log(kind, plant, seed), paper_rig(plant)
     bound = np.nan
     if plant == "no linearity error":
         bound = float(np.rad2deg(lower_bound(rig, log)))
-    scores = [
-        score(log, rig, _maker(name, plant), (kind, plant, name), seed, bound) for name in COMPARED
-    ]
+    scores = [score(log, rig, name, (kind, plant, name), seed, bound) for name in COMPARED]
     if plant in WITHIN:
         scores.append(
             score(
                 spoiled(log, seed),
                 rig,
-                _maker("adaptive", plant),
+                "adaptive",
                 (kind, plant, "adaptive, spoiled log"),
                 seed,
             )
@@ -182,9 +170,6 @@ def main() -> None:
     started = time.perf_counter()
     jobs = [(kind, plant, seed) for kind in SCENARIOS for plant in PLANTS for seed in seeds]
     jobs += [("hand", friction, seed) for friction in ("given", "unknown") for seed in seeds]
-    for plant in PLANTS:
-        for name in COMPARED:
-            _maker(name, plant)  # compiled once, before the processes share it
     scores: list[Score] = []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for part in track(
@@ -308,7 +293,7 @@ def recorded() -> None:
                 [
                     label,
                     name,
-                    *pooled([score(log, rig, estimator_named(name, rig), (label, "", name), 0)]),
+                    *pooled([score(log, rig, name, (label, "", name), 0)]),
                 ]
             )
     table(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from benchmarks import accuracy
 from benchmarks.rivals import RIVALS, IteratedFilter, ParticleFilter, UnscentedFilter
 from distal import (
     Log,
@@ -88,3 +89,10 @@ def test_the_sigma_points_have_the_moments_they_stand_for(rig: Rig) -> None:
     points = made._points(stds * mean, np.outer(stds, stds) * (root @ root.T)) / stds[:, None]
     np.testing.assert_allclose(points.mean(axis=1), mean, atol=1e-12)
     np.testing.assert_allclose(np.cov(points, bias=True), root @ root.T, atol=1e-11)
+
+
+def test_every_estimator_that_is_compared_gives_an_angle() -> None:
+    """A run that is refused counts as an error of 90°: one that asks wrongly would end too."""
+    scores = accuracy.run((accuracy.MID_RANGE[0], "as the rig", 0))
+    assert {score.estimator for score in scores} >= set(accuracy.COMPARED)
+    assert max(score.rms for score in scores) < 45.0
