@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from tests.support.cases import MID_RANGE
 
 from benchmarks import accuracy
 from benchmarks.rivals import RIVALS, IteratedFilter, ParticleFilter, UnscentedFilter
@@ -93,6 +94,6 @@ def test_the_sigma_points_have_the_moments_they_stand_for(rig: Rig) -> None:
 
 def test_every_estimator_that_is_compared_gives_an_angle() -> None:
     """A run that is refused counts as an error of 90°: one that asks wrongly would end too."""
-    scores = accuracy.run((accuracy.MID_RANGE[0], "as the rig", 0))
+    scores = accuracy.run((MID_RANGE[0], "as the rig", 0))
     assert {score.estimator for score in scores} >= set(accuracy.COMPARED)
     assert max(score.rms for score in scores) < 45.0
