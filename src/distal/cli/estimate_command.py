@@ -1,8 +1,5 @@
-"""What several estimators find in one log, beside the truth where it is known.
-
-`distal estimate`: the joint angle over a log.
-
-`distal stream`: estimates while the samples arrive.
+"""`distal estimate`, the joint angle over a log or many, and `distal stream`, the same while the
+samples arrive.
 """
 
 from __future__ import annotations
@@ -186,109 +183,113 @@ FEW = 4
 """Number of warnings printed for many logs; the others are counted. Source: layout."""
 
 
+LogsArgument = Annotated[
+    list[Path],
+    Argument(
+        metavar="LOG...",
+        help="CSV, Parquet, HDF5, MCAP, a ROS bag or a LeRobot dataset, with the columns that "
+        "the rig's sensors name.",
+    ),
+]
+RigOfLogOption = Annotated[
+    str | None,
+    Option(
+        help=f"{RIG} A log of `distal simulate` has its rig beside it.",
+        autocompletion=rigs,
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    Option(
+        help="Where to write the first estimator's estimate (CSV or Parquet); of several "
+        "logs, a folder."
+    ),
+]
+IntoOption = Annotated[
+    Path | None,
+    Option(
+        help="Of one LeRobot dataset: folder for a copy of it with joint angles, their stds "
+        "and health words."
+    ),
+]
+EstimatorsOption = Annotated[
+    list[str] | None,
+    Option(
+        "--estimator",
+        "-e",
+        help=(
+            "adaptive, elastic, inextensible, regression, ekf-2008 (the paper's filter) or ekf "
+            "(the same with the rig's noise); repeatable, the first is written. Default: "
+            "adaptive; where the angle is known, all but the last two, to compare."
+        ),
+        autocompletion=estimators,
+    ),
+]
+TruthOption = Annotated[
+    str | None,
+    Option(help="True joint angle: a column of LOG, or a file with t and theta in rad."),
+]
+PlotOption = Annotated[
+    Path | None,
+    Option(
+        help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive."
+    ),
+]
+PanelOption = Annotated[
+    list[str] | None,
+    Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
+]
+SmoothOption = Annotated[
+    bool,
+    Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline)."),
+]
+HomingOption = Annotated[
+    str | None,
+    Option(help="Use the reference for this long (e.g. 3s), then only compare with it."),
+]
+HomingAngleOption = Annotated[
+    list[str] | None,
+    Option(
+        help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', "
+        "or 'pip: 0 deg'."
+    ),
+]
+WhatIfOption = Annotated[
+    bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
+]
+FindingsOption = Annotated[
+    bool,
+    Option("--findings", help="List each finding on the log and the rig, on a line of its own."),
+]
+EveryOption = Annotated[
+    bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
+]
+
+
 def estimate_command(
-    logs: Annotated[
-        list[Path],
-        Argument(
-            metavar="LOG...",
-            help="CSV, Parquet, HDF5, MCAP, a ROS bag or a LeRobot dataset, with the columns that "
-            "the rig's sensors name.",
-        ),
-    ],
-    rig: Annotated[
-        str | None,
-        Option(
-            help=f"{RIG} A log of `distal simulate` has its rig beside it.",
-            autocompletion=rigs,
-        ),
-    ] = None,
+    logs: LogsArgument,
+    rig: RigOfLogOption = None,
     *,
-    out: Annotated[
-        Path | None,
-        Option(
-            help="Where to write the first estimator's estimate (CSV or Parquet); of several "
-            "logs, a folder."
-        ),
-    ] = None,
-    into: Annotated[
-        Path | None,
-        Option(
-            help="Of one LeRobot dataset: folder for a copy of it with joint angles, their stds "
-            "and health words."
-        ),
-    ] = None,
-    estimator: Annotated[
-        list[str] | None,
-        Option(
-            "--estimator",
-            "-e",
-            help=(
-                "adaptive, elastic, inextensible, regression, ekf-2008 (the paper's filter) or ekf "
-                "(the same with the rig's noise); repeatable, the first is written. Default: "
-                "adaptive; where the angle is known, all but the last two, to compare."
-            ),
-            autocompletion=estimators,
-        ),
-    ] = None,
-    truth: Annotated[
-        str | None,
-        Option(help="True joint angle: a column of LOG, or a file with t and theta in rad."),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        Option(
-            help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of "
-            "adaptive."
-        ),
-    ] = None,
-    panel: Annotated[
-        list[str] | None,
-        Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
-    ] = None,
-    smooth: Annotated[
-        bool,
-        Option(
-            "--smooth", help="Write the adaptive estimate smoothed over the whole log (offline)."
-        ),
-    ] = False,
-    homing: Annotated[
-        str | None,
-        Option(help="Use the reference for this long (e.g. 3s), then only compare with it."),
-    ] = None,
-    homing_angle: Annotated[
-        list[str] | None,
-        Option(
-            help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', "
-            "or 'pip: 0 deg'."
-        ),
-    ] = None,
-    what_if: Annotated[
-        bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
-    ] = True,
-    findings: Annotated[
-        bool,
-        Option(
-            "--findings", help="List each finding on the log and the rig, on a line of its own."
-        ),
-    ] = False,
+    out: OutOption = None,
+    into: IntoOption = None,
+    estimator: EstimatorsOption = None,
+    truth: TruthOption = None,
+    plot: PlotOption = None,
+    panel: PanelOption = None,
+    smooth: SmoothOption = False,
+    homing: HomingOption = None,
+    homing_angle: HomingAngleOption = None,
+    what_if: WhatIfOption = True,
+    findings: FindingsOption = False,
     unit: UnitOption = None,
-    every: Annotated[
-        bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
-    ] = False,
+    every: EveryOption = False,
     set_: SetOption,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
     estimators with it.
     """
     from distal.estimators import usual_estimator
-    from distal.logs import (
-        file_of,
-        read_log,
-        sources_of,
-        true_angles,
-        write_together,
-    )
-    from distal.results import PANELS, check_panels, plot_kind
+    from distal.logs import file_of, read_log, sources_of, true_angles, write_together
     from distal.rig import angle_unit
     from distal.simulation import rig_of_logs
 
@@ -319,12 +320,7 @@ def estimate_command(
         _check_given(for_one, f"is for one log, {len(sources)} came; give one log")
         outputs = estimates_of(sources, out)
     else:
-        drawn = dict.fromkeys(panel or ())
-        panels = check_panels(PANELS if "all" in drawn else [*drawn])
-        if plot is not None:
-            plot_kind(plot)
-        elif panels:
-            raise EstimationError("--panel says what --plot draws; give --plot too")
+        panels = _panels(panel or (), plot)
         outputs = [*to_file(out, "a table"), *to_file(plot, option="--plot")]
     check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
     description, changed = rig_of_logs(sources, rig, set_)
@@ -335,12 +331,9 @@ def estimate_command(
         return
     with working(f"reading {logs[0]}"):
         log = read_log(logs[0], description, truth)
-    _describe(log, description)
-    if changed:
-        say(f"  as the log's scenario has it: {', '.join(changed)}")
-    is_known = true_angles(log, description.joint_names) is not None
-    names = _names(asked, description, is_known)
-    origin = log.truth_source
+    _describe(log, description, changed)
+    names = _names(asked, description, true_angles(log, description.joint_names) is not None)
+    origin = str(log.truth_source)
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
     comparison = compared(log, description, names, home, not asked, smooth, every)
@@ -349,16 +342,30 @@ def estimate_command(
     if out is not None:
         files[out] = file_of(results[0].columns(in_unit, every=every), out)
     if plot is not None:
-        with working("drawing"):
-            files[plot] = _picture(
-                log, description, results if asked else results[:1], panels, plot
-            )
+        drawn = results if asked else results[:1]
+        files[plot] = _picture(log, description, drawn, panels, plot)
     with working("writing"):
         write_together(files)
     files.clear()  # of a log of hours the columns are large
-    _say_truth(comparison, str(origin), home, "not read" if homing_angle else "used")
-    written = (out, plot)
-    _say(comparison, log, description, home, what_if=what_if, findings=findings, written=written)
+    _say_truth(comparison, origin, home, "not read" if homing_angle else "used")
+    _say(comparison, log, description, home, (out, plot), what_if=what_if, findings=findings)
+
+
+def _panels(asked: Sequence[str], plot: Path | None) -> tuple[str, ...]:
+    """Return the panels to draw.
+
+    Raises:
+        EstimationError: a panel has no such name, or there is no picture.
+        OutputError: the picture's ending is none that can be drawn.
+    """
+    from distal.results import PANELS, check_panels, plot_kind
+
+    panels = check_panels(PANELS if "all" in asked else [*dict.fromkeys(asked)])
+    if plot is not None:
+        plot_kind(plot)
+    elif panels:
+        raise EstimationError("--panel says what --plot draws; give --plot too")
+    return panels
 
 
 def _check_given(options: Mapping[str, object], why: str) -> None:
@@ -452,16 +459,17 @@ def _picture(
     from distal.run import log_health
 
     # of a rig that logs taught, health says where it is touched or outside of these logs
-    health = log_health(log, rig) if "health" in panels or rig.map is not None else None
-    drawing = plot_estimates(
-        drawn,
-        panels=[p for p in panels if p != "innovations" or drawn[0].measured],
-        log=log,
-        rig=rig,
-        health=health,
-        title=f"{rig.name}: {shown(Path(log.source).name)}",
-    )
-    return figure_bytes(drawing, path)
+    with working("drawing"):
+        health = log_health(log, rig) if "health" in panels or rig.map is not None else None
+        drawing = plot_estimates(
+            drawn,
+            panels=[p for p in panels if p != "innovations" or drawn[0].measured],
+            log=log,
+            rig=rig,
+            health=health,
+            title=f"{rig.name}: {shown(Path(log.source).name)}",
+        )
+        return figure_bytes(drawing, path)
 
 
 def _say(
@@ -469,10 +477,10 @@ def _say(
     log: Log,
     rig: Rig,
     home: float | None,
+    written: tuple[Path | None, ...],
     *,
     what_if: bool,
     findings: bool,
-    written: tuple[Path | None, ...],
 ) -> None:
     """Print the angle in words, notes, which files were written, and at last the diagnosis."""
     from distal.diagnosis import diagnose
@@ -498,8 +506,10 @@ def _say(
                 say(f"  {finding.text}")
 
 
-def _describe(log: Log, rig: Rig) -> None:
-    """Print what was read: samples, time, rate, missing readings and gaps."""
+def _describe(log: Log, rig: Rig, changed: Sequence[str]) -> None:
+    """Print what was read: samples, time, rate, missing readings and gaps, and what the log's
+    scenario changes in the rig.
+    """
     import numpy as np
 
     span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
@@ -531,6 +541,8 @@ def _describe(log: Log, rig: Rig) -> None:
             f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {end - begin:.3g} s at "
             f"{begin:g} s"
         )
+    if changed:
+        say(f"  as the log's scenario has it: {', '.join(changed)}")
 
 
 @contextmanager

@@ -264,12 +264,9 @@ def found_drive(
     # that was tared reads both signs and says nothing of that
     is_negative = high < 0.0 if is_slider else np.mean(pulls) < 0.0
     winding = -1 if is_negative and not is_pair else 1
-    stiffness = to_si(ASSUMED.stiffness, "N/m")
-    stiffness_std = 0.0
+    stiffness, stiffness_std = to_si(ASSUMED.stiffness, "N/m"), 0.0
     if knows:
-        share = 2.0 if is_pair else 1.0
-        stiffness = constant * gear / (share * abs(structure.compliance) * lever**2)
-        stiffness_std = max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2)
+        stiffness, stiffness_std = _stiffness(structure, constant * gear / lever**2, is_pair)
     if knows and is_current:
         # the scale of force is free: it is chosen so that the tendon is a usual one
         usual = float(np.clip(stiffness, *THRESHOLDS.usual_stiffness))
@@ -320,6 +317,15 @@ def found_drive(
         friction=friction,
         load=load,
     )
+
+
+def _stiffness(structure: DriveStructure, per_turn: float, is_pair: bool) -> tuple[float, float]:
+    """Return the stiffness of one tendon [N/m] by how far a drive stretches it per effort, and its
+    relative std; `per_turn` is the stiffness of effort per turn of 1.
+    """
+    share = 2.0 if is_pair else 1.0
+    spread = max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2)
+    return per_turn / (share * abs(structure.compliance)), spread
 
 
 def _stiffening(structure: DriveStructure, per_effort: float) -> float:

@@ -298,6 +298,46 @@ def faded(dt: Expression) -> Expression:
     return share
 
 
+def _evidence_of_force(
+    judged: bool,
+    jump: Scalar,
+    repeats: Scalar,
+    missing: Scalar,
+    mask: Scalar,
+    stiffness: Scalar,
+    shown: Scalar,
+    taut: Scalar,
+    variance: Scalar,
+    _: Scalar,
+) -> tuple[Scalar, Scalar]:
+    """Return whether a drive's force can judge a jump of its position, and the logarithm of the
+    likelihood ratio of a real one by that force.
+
+    Args:
+        judged: see `track_function`.
+        jump: of the position [m, rad].
+        repeats: as in `Drive`; the other arguments are those of the force in `READING`.
+    """
+    if not judged:
+        return ca.SX(0), ca.SX(0)
+    judges = is_read(mask)
+    # a tendon alone does not push
+    pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
+    pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
+    ratio = ca.if_else(judges, jump_evidence(missing, pull, variance, shown), 0)
+    # after old readings all drives may have gone anywhere together
+    is_after_old = judges * (repeats >= OLD)
+    return judges, ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ratio)
+
+
+def _lost_variance(motion: Scalar, wandering: Scalar, silence: Scalar) -> Scalar:
+    """Return the variance of a drive's position without a reading, equation (4): by the `motion`
+    that it had, whose error grows with time, not with the root of time; or, from then on where
+    `silence` is above 0 s, because it may have begun to move whatever it did before.
+    """
+    return ca.fmax(motion, (wandering * ca.fmax(silence, 0)) ** 2)
+
+
 def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     """Return the function (memory, `READING`, dt, `faded`) → what is known of a drive after a
     reading, `TRACKED`; a missing reading is bridged by the mean speed, which fades.
@@ -321,14 +361,12 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         readings
     )
     recent = ca.fmax(square, usual)
-    missing, force_mask, stiffness, shown, taut, variance, force_now = force
     # where the drive is if its last jump was none
     off = position - was_real * shift
     expected = off + speed * dt
     time = lost + dt
     bridged = is_bridge(mask)
     read = is_read(mask)
-    judges: Scalar = is_read(force_mask) if judged else ca.SX(0)
     # (2b) the reading came back, since its last jump was wild, or it goes on, a motion that began
     raw = reading - expected
     comes_back = ca.fabs(raw) < ca.fabs(raw - shift)
@@ -336,20 +374,11 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     shift = ca.if_else(read * ca.logic_or(comes_back, goes_on), 0, shift)
     jump = raw - shift
     # (1) far: more than the recent motion can have led to
-    lost_before = ca.if_else(shift != 0, 0, unknown)
-    is_new = read * ca.logic_not(goes_on)
-    far = is_new * is_far(robustness, jump, recent * time * time + lost_before, noise)
+    explained = recent * time * time + ca.if_else(shift != 0, 0, unknown)
+    far = read * ca.logic_not(goes_on) * is_far(robustness, jump, explained, noise)
     # (2) the chance that the jump is real: by where the logs were, and by the drive's force
-    ratio: Scalar = 0
-    if judged:
-        # a tendon alone does not push
-        pull = ca.if_else(taut > 0, ca.fmax(stiffness * jump, -taut), stiffness * jump)
-        pull = ca.if_else(taut < 0, ca.fmin(pull, -taut), pull)
-        ratio = ca.if_else(judges, jump_evidence(missing, pull, variance, shown), 0)
-    # after old readings all drives may have gone anywhere together
-    is_after_old = judges * (repeats >= OLD)
-    ratio = ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ratio)
-    # what was told of a reading that stood still since its jump is not told of the next one
+    judges, ratio = _evidence_of_force(judged, jump, repeats, *force)
+    # the evidence on a reading that stood still since its jump is none on the next one
     stood = ca.fmax(doubt, robustness.persistence_alone)
     is_next = read * (lost >= stood) * ((jump + speed * dt) ** 2 >= SAME * noise)
     evidence = ca.if_else(far, ratio, ca.if_else(is_next, 0, evidence))
@@ -369,19 +398,15 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     moved = reached - off
     # (3) mean motion; what was not seen while the reading was missing belongs to all of that time
     elapsed = ca.if_else(bridged, dt, time)
-    passed = ca.if_else(elapsed > 0, elapsed, 1)
-    seen = speed + (reached - expected) / passed
+    seen = speed + (reached - expected) / ca.if_else(elapsed > 0, elapsed, 1)
     seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), seen)
     believed = ca.if_else(is_there(mask), ca.if_else(far, real, 1), 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
-    # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of
-    # time
-    astray = ca.fmax(unknown, recent * time * time + noise)
-    # whatever it did before, it may have begun to move
-    astray = ca.fmax(astray, (wandering * ca.fmax(time - dead, 0)) ** 2)
+    # (4) a drive that is lost
+    astray = _lost_variance(ca.fmax(unknown, recent * time * time + noise), wandering, time - dead)
     either = either_variance(real, shift)
     same = ca.logic_and(read, moved**2 < SAME * noise)
-    is_old = ca.logic_and(same, ca.logic_or(1 - judges, force_now == effort))
+    is_old = ca.logic_and(same, ca.logic_or(1 - judges, force[-1] == effort))
     # a reading that is off and does not change tells nothing of the drive
     tells = ca.logic_and(is_there(mask), ca.logic_not(ca.logic_and(shift != 0, same)))
     unknown = ca.if_else(bridged, moved * moved, ca.if_else(tells, either, ca.fmax(astray, either)))
@@ -400,7 +425,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         shift=shift,
         real=real,
         evidence=evidence,
-        effort=ca.if_else(judges, force_now, effort),
+        effort=ca.if_else(judges, force[-1], effort),
         repeats=ca.if_else(is_old, repeats + 1, 0),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
