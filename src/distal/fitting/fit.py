@@ -625,7 +625,7 @@ def fit(
         workers=workers,
         compiled=compiled,
     )
-    read = _read_and_checked(logs, rig, truth, homing)
+    read = _read_and_checked(logs, rig, truth, homing, drafted)
     start_rig = rig
     touched = [] if homing is not None or groups is not None else touched_logs(read, rig)
     aside = [read[i] for i in touched]
@@ -814,6 +814,7 @@ def _read_and_checked(
     rig: Rig,
     truth: str | None,
     homing: float | None,
+    drafted: bool,
 ) -> list[Log]:
     """Return the logs, read and checked."""
     if not rig.sensors:
@@ -823,7 +824,7 @@ def _read_and_checked(
     if homing is not None and not isinstance(homing, (int, float)):
         raise FitError(f"homing is a number of seconds, {homing!r} came")
     read = logs_read(logs, rig, truth)
-    check_logs(read, rig)
+    check_logs(read, rig, drafted)
     joints = rig.joint_names
     if homing is not None:
         for log in read:

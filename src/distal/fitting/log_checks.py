@@ -322,9 +322,14 @@ the units may be right. Source: judgement.
 """
 
 
-def check_logs(logs: Sequence[Log], rig: Rig) -> None:
+def check_logs(logs: Sequence[Log], rig: Rig, drafted: bool = False) -> None:
     """Refuse logs that come twice, have wrong stamps, no motion or a dead sensor, or a reference
     angle in a wrong unit or of a wrong sign.
+
+    Args:
+        logs: all of them.
+        rig: the description.
+        drafted: whether the rig was drafted from these logs, so that signs and sizes are theirs.
 
     Raises:
         FitError: no log came, or a log is refused; names the log and the sensor.
@@ -348,7 +353,7 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         for j, joint in enumerate(joints):
             if len(joints) == 1 or np.isfinite(angles[:, j]).any():
                 subject = "the joint" if len(joints) == 1 else f"the joint {joint}"
-                _check_truth(log, rig, angles, subject, j)
+                _check_truth(log, rig, angles, subject, j, drafted)
 
 
 def _same(log: Log, other: Log) -> bool:
@@ -427,7 +432,7 @@ def _constant(log: Log, name: str) -> bool:
     return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
-def _check_truth(log: Log, rig: Rig, truths: Floats, joint: str, index: int) -> None:
+def _check_truth(log: Log, rig: Rig, truths: Floats, joint: str, index: int, drafted: bool) -> None:
     """Refuse a reference angle that has too few values, is dead, or has a wrong sign or unit."""
     truth = truths[:, index]
     has_truth = np.isfinite(truth)
@@ -441,18 +446,39 @@ def _check_truth(log: Log, rig: Rig, truths: Floats, joint: str, index: int) -> 
     # with forces the stretch is taken off: soft tendons let drives and joint move differently
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
     by_drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles
-    drives = by_drives[has_truth, index]
-    a = drives - drives.mean()
-    b = truth[has_truth] - truth[has_truth].mean()
-    if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
+    if float(np.std(by_drives[has_truth, index])) < SMALLEST_TURN / 2:
         return
-    if float(np.ptp(truth[has_truth])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
+    turn = float(np.ptp(by_drives[has_truth, index]))
+    if float(np.ptp(truth[has_truth])) == 0.0 and turn > DEAD_TRUTH_TURN:
         raise FitError(f"{subject} is constant while the drives move; is the encoder connected?")
-    if float(b @ b) == 0.0:
-        return  # the joint sticks: nothing to judge by
-    correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
-    ratio = float(np.sqrt((b @ b) / (a @ a)))
-    if correlation < -CLEAR_CORRELATION and not _turns_its_tendons(rig, index, truths, by_drives):
+    for way in () if drafted else _ways_of(rig, index):
+        crossed = way != 0.0
+        known = np.isfinite(truths[:, crossed]).all(axis=1)
+        a, b = (angles[known][:, crossed] @ way[crossed] for angles in (by_drives, truths))
+        if known.sum() < FEWEST_TRUTHS or min(np.std(a), np.std(b)) == 0.0:
+            continue  # the joint sticks: nothing to judge by
+        _check_direction(subject, float(np.corrcoef(a, b)[0, 1]), float(np.std(b) / np.std(a)))
+
+
+def _ways_of(rig: Rig, joint: int) -> list[Floats]:
+    """Return the sums of joints' angles, as weights, (n_joints,), that the drives give and a known
+    angle of a joint can be judged by: the angle itself, or the way of each tendon over the joint
+    where the drives are fewer than the joints and leave their angles open.
+    """
+    names = rig.joint_names
+    if len(rig.drives) >= len(names):
+        return [np.eye(len(names))[joint]]
+    every = [tendon.arms() for tendon in rig.tendons]
+    return [
+        np.array([arms.get(name, 0.0) for name in names]) for arms in every if names[joint] in arms
+    ]
+
+
+def _check_direction(subject: str, correlation: float, ratio: float) -> None:
+    """Refuse a reference angle by its correlation with the turn by the drives, and the ratio of
+    both.
+    """
+    if correlation < -CLEAR_CORRELATION:
         raise FitError(
             f"{subject} moves against the drives (correlation {correlation:.2f}); a sign is "
             "wrong: turn that of "
@@ -469,27 +495,3 @@ def _check_truth(log: Log, rig: Rig, truths: Floats, joint: str, index: int) -> 
             f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the "
             "angle sensor's unit)"
         )
-
-
-def _turns_its_tendons(rig: Rig, joint: int, truths: Floats, by_drives: Floats) -> bool:
-    """Return whether the known angles, (k, n_joints), move each tendon over a joint as its drive
-    does.
-
-    With fewer drives than joints this can be so although the angles that follow from the drives,
-    `by_drives`, (k, n_joints), turn against the known ones.
-    """
-    names = rig.joint_names
-    has_truth = np.isfinite(truths).all(axis=1)
-    if has_truth.sum() < FEWEST_TRUTHS:
-        return False
-    for tendon in rig.tendons:
-        arms = tendon.arms()
-        if names[joint] not in arms:
-            continue
-        row = np.array([arms.get(name, 0.0) for name in names])
-        if (
-            np.corrcoef(truths[has_truth] @ row, by_drives[has_truth] @ row)[0, 1]
-            < CLEAR_CORRELATION
-        ):
-            return False
-    return True
