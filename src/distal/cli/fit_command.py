@@ -52,51 +52,58 @@ MOST_LINES = 4
 """
 
 
+LogsToFitArgument = Annotated[
+    list[Path],
+    Argument(
+        help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets); some with the "
+        "joint's angle, or all, or none."
+    ),
+]
+FittedOutOption = Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")]
+FreeOption = Annotated[
+    list[str] | None,
+    Option(
+        metavar="PATH",
+        help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
+    ),
+]
+PerLogOption = Annotated[
+    list[str] | None,
+    Option(metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension."),
+]
+FittedHomingOption = Annotated[
+    str | None,
+    Option(help="Fit for this use: the reference is known for so long (e.g. 3s), then not read."),
+]
+TruthColumnOption = Annotated[str | None, Option(help="True joint angle: a column of the logs.")]
+NoiseOption = Annotated[bool, Option(help="Fit the noise too.")]
+GroupsOption = Annotated[
+    str | None,
+    Option(
+        metavar="PATTERN",
+        help="Logs of several instruments of one kind: what tells them apart in a log's name, "
+        "e.g. 'tool_(.)'.",
+    ),
+]
+OpenLoopOption = Annotated[
+    bool,
+    Option("--open-loop", help="Fit for a simulator, in which no sensor corrects the angle."),
+]
+
+
 def fit_command(
-    logs: Annotated[
-        list[Path],
-        Argument(
-            help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets); some with the "
-            "joint's angle, or all, or none."
-        ),
-    ],
+    logs: LogsToFitArgument,
     rig: RigOption,
     *,
-    out: Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")] = None,
-    free: Annotated[
-        list[str] | None,
-        Option(
-            metavar="PATH",
-            help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
-        ),
-    ] = None,
-    per_log: Annotated[
-        list[str] | None,
-        Option(
-            metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension."
-        ),
-    ] = None,
-    homing: Annotated[
-        str | None,
-        Option(
-            help="Fit for this use: the reference is known for so long (e.g. 3s), then not read."
-        ),
-    ] = None,
-    truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
-    noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
-    groups: Annotated[
-        str | None,
-        Option(
-            metavar="PATTERN",
-            help="Logs of several instruments of one kind: what tells them apart in a log's name, "
-            "e.g. 'tool_(.)'.",
-        ),
-    ] = None,
+    out: FittedOutOption = None,
+    free: FreeOption = None,
+    per_log: PerLogOption = None,
+    homing: FittedHomingOption = None,
+    truth: TruthColumnOption = None,
+    noise: NoiseOption = True,
+    groups: GroupsOption = None,
     reference_lag: LagOption = None,
-    open_loop: Annotated[
-        bool,
-        Option("--open-loop", help="Fit for a simulator, in which no sensor corrects the angle."),
-    ] = False,
+    open_loop: OpenLoopOption = False,
     minutes: MinutesOption = None,
     set_: SetOption,
 ) -> None:
@@ -345,18 +352,20 @@ def from_logs_command(
     say(f"wrote {out}; guesses are marked in it. Next: {asked} {out.stem}_fitted.toml")
 
 
+LearnedOutOption = Annotated[Path, Option(help="Where to write what was learned (.toml).")]
+BeginningRigOption = Annotated[
+    Path | None,
+    Option(
+        help="A rig file to begin with, in place of what the logs show; columns that it does "
+        "not name are found by the names of drives and joints."
+    ),
+]
+
+
 def learn_command(
     logs: LogsArgument,
-    out: Annotated[Path, Option(help="Where to write what was learned (.toml).")] = Path(
-        "learned.toml"
-    ),
-    rig: Annotated[
-        Path | None,
-        Option(
-            help="A rig file to begin with, in place of what the logs show; columns that it does "
-            "not name are found by the names of drives and joints."
-        ),
-    ] = None,
+    out: LearnedOutOption = Path("learned.toml"),
+    rig: BeginningRigOption = None,
     truth: JointsOption = None,
     drive: DrivesOption = None,
     ignore: IgnoreOption = None,

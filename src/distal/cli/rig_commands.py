@@ -33,7 +33,8 @@ from distal.units import rounded
 from distal.version import __version__
 
 if TYPE_CHECKING:
-    from distal.rig import Imported
+    from distal.model import Mechanism
+    from distal.rig import Imported, Rig, Sensor
 
 GEOMETRY = re.compile(
     r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$"
@@ -68,9 +69,7 @@ def check_command(rig: RigArgument, set_: SetOption) -> None:
         doubts,
         in_words,
         load_rig,
-        parameters_below,
         scales_in_words,
-        step_of,
     )
 
     description = load_rig(rig, set_)
@@ -78,18 +77,11 @@ def check_command(rig: RigArgument, set_: SetOption) -> None:
     rate = max((sensor.rate for sensor in description.sensors), default=100.0)
     count = substeps(mechanism, 1.0 / rate)
     values = mechanism.parameters
-    uncertain = [name for name, std in zip(values.names, values.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
     if description.taken:
         say(f"  {scales_in_words(description)}")
     say(f"  {description.count_in_words()}")
-    for kind, parts in description.components.items():
-        for i, part in enumerate(parts):
-            at = f"{kind}.{i}"
-            # initial angles and errors of sensors are no parameters of the equations of motion
-            stds = {path: number.filter_std for path, number in parameters_below(part, at)}
-            stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
-            uncertain += [path for path, std in stds.items() if std > 0.0 and path not in uncertain]
+    uncertain = _uncertain(description, mechanism)
     say(
         f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample "
         f"at {rate:g} Hz"
@@ -112,18 +104,40 @@ def check_command(rig: RigArgument, set_: SetOption) -> None:
     for sensor in description.sensors:
         gear = getattr(sensor, "gear", 1.0)
         if sensor.measures == "position" and gear != 1.0:
-            sides = [
-                f"{_degrees(sensor.resolution)} at the motor, {_degrees(step_of(sensor))} at the "
-                "capstan"
-            ]
-            sides += [
-                f"{name} {_degrees(gear * value)} at the motor, {_degrees(value)} at the capstan"
-                for name, value in (("noise", sensor.noise), ("linearity", sensor.linearity))
-                if value > 0.0
-            ]
-            say(f"  {sensor.name} is before a gear of {gear:g}: resolution {'; '.join(sides)}")
+            _say_gear(sensor, gear)
     for doubt in doubts(description):
         warn(doubt)
+
+
+def _uncertain(rig: Rig, mechanism: Mechanism) -> list[str]:
+    """Return the paths of all that has a std, those of the equations of motion first."""
+    from distal.rig import parameters_below
+
+    values = mechanism.parameters
+    uncertain = [name for name, std in zip(values.names, values.stds) if std > 0.0]
+    for kind, parts in rig.components.items():
+        for i, part in enumerate(parts):
+            at = f"{kind}.{i}"
+            # initial angles and errors of sensors are no parameters of the equations of motion
+            stds = {path: number.filter_std for path, number in parameters_below(part, at)}
+            stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
+            uncertain += [path for path, std in stds.items() if std > 0.0 and path not in uncertain]
+    return uncertain
+
+
+def _say_gear(sensor: Sensor, gear: float) -> None:
+    """Print what a sensor before a gear reads of the capstan."""
+    from distal.rig import step_of
+
+    sides = [
+        f"{_degrees(sensor.resolution)} at the motor, {_degrees(step_of(sensor))} at the capstan"
+    ]
+    sides += [
+        f"{name} {_degrees(gear * value)} at the motor, {_degrees(value)} at the capstan"
+        for name, value in (("noise", sensor.noise), ("linearity", sensor.linearity))
+        if value > 0.0
+    ]
+    say(f"  {sensor.name} is before a gear of {gear:g}: resolution {'; '.join(sides)}")
 
 
 def _degrees(angle: float) -> str:

@@ -154,30 +154,34 @@ def command_command(
 app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 
+SimulatedOutOption = Annotated[
+    Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")
+]
+RunsOption = Annotated[
+    int | None,
+    Option(min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."),
+]
+OtherRigOption = Annotated[
+    str | None,
+    Option(
+        "--rig",
+        help="A rig instead of the scenario's; its drives have the same names.",
+        autocompletion=rigs,
+    ),
+]
+WithTruthOption = Annotated[
+    bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
+]
+
+
 def simulate_command(
     scenario: ScenarioArgument,
-    out: Annotated[
-        Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")
-    ],
+    out: SimulatedOutOption,
     seed: SeedOption = 0,
     *,
-    runs: Annotated[
-        int | None,
-        Option(
-            min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."
-        ),
-    ] = None,
-    rig_: Annotated[
-        str | None,
-        Option(
-            "--rig",
-            help="A rig instead of the scenario's; its drives have the same names.",
-            autocompletion=rigs,
-        ),
-    ] = None,
-    truth: Annotated[
-        bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
-    ] = True,
+    runs: RunsOption = None,
+    rig_: OtherRigOption = None,
+    truth: WithTruthOption = True,
     set_: SetOption,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""

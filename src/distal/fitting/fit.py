@@ -615,7 +615,7 @@ def fit(
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig = (as_rig(rig)).bare()  # maps of an earlier fit are learned anew
+    rig = as_rig(rig).bare()  # maps of an earlier fit are learned anew
     options = Options(
         free=_listed(free),
         per_log=_listed(per_log),
@@ -626,7 +626,6 @@ def fit(
         compiled=compiled,
     )
     read = _read_and_checked(logs, rig, truth, homing, drafted)
-    start_rig = rig
     touched = [] if homing is not None or groups is not None else touched_logs(read, rig)
     aside = [read[i] for i in touched]
     read = [log for i, log in enumerate(read) if i not in touched]
@@ -655,11 +654,10 @@ def fit(
     if open_loop and not learned.interrupted:
         learned = _in_open_loop(learned, judged.training, progress)
     doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
-    added = {**measured, **learned.added}
     parameters = learned.parameters
     for line in () if drafted else far_from_priors(parameters.fitted, parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return replace(learned, start=start_rig, added=added, doubts=doubts)
+    return replace(learned, start=rig, added={**measured, **learned.added}, doubts=doubts)
 
 
 def _judged_at(

@@ -107,17 +107,11 @@ def read_log(
     readings = _readings(rig, table, time, column, ranged)
     channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, clock)
-    if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
-        if truth is not None:
+    if not _has_values(angles, f"{source}: the truth ({origin})"):
+        if angles and truth is not None:
             raise LogError(f"{source}: the truth ({origin}) has no value at all")
         angles = {}
         origin = NO_SOURCE  # the reference sensor was never connected
-    for theta in angles.values():
-        largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
-        if largest > 1e6:
-            raise LogError(
-                f"{source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
-            )
     known = angles | _known_torques(rig, table, readings)
     setpoints = {
         name: table.values(column) * factor_of(sensor, table.units, source)
@@ -125,6 +119,19 @@ def read_log(
         if column in table.columns
     }
     return Log(time, channels, known, source, origin, clock.stamps, setpoints)
+
+
+def _has_values(angles: Mapping[str, Floats], subject: str) -> bool:
+    """Return whether any angle is known.
+
+    Raises:
+        LogError: one is so large that it is none.
+    """
+    known = [theta[np.isfinite(theta)] for theta in angles.values()]
+    largest = max((float(np.max(np.abs(theta))) for theta in known if len(theta)), default=0.0)
+    if largest > 1e6:
+        raise LogError(f"{subject} reaches {largest:.3g} rad, which is no angle")
+    return any(len(theta) for theta in known)
 
 
 def _without_time(cells: Cells, time_column: str, rig: Rig) -> LogError:
