@@ -10,16 +10,8 @@ is computed from.
     scenario = distal.load_scenario("control-paper")
     print(distal.closed_loop(distal.scenario_rig(scenario), scenario, seed=1))
 
-The shipped controllers of joints' angles: a PID whose torques the moment arms turn into commands
-of the drives, and the rig's inverse, which adds the forces that the reference's own motion needs.
-
-A simulated plant that a controller drives: it goes on by one period at a time and gives what its
-sensors read.
-
-A controller in the loop, period after period: plant, sensors, estimator, controller.
-
-How well a controlled joint keeps to its reference: in numbers, and as a figure that compares
-several feedbacks.
+The shipped controllers are a PID whose torques the moment arms turn into commands of the drives,
+and the rig's inverse, which adds the forces that the reference's own motion needs.
 """
 
 from __future__ import annotations

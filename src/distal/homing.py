@@ -1,8 +1,5 @@
-"""References of joints' angles: a sensor that is read while the angle is known (homing, fitting),
-or a column of true angles.
-
-Homing of a filter: while the angle is known, the filter reads it, and its maps are conditioned
-on what it lacks.
+"""Homing: while a joint's angle is known, the filter reads it, and its maps are conditioned on what
+it lacks. The reference is a sensor that is read for that time, or a column of true angles.
 """
 
 from __future__ import annotations

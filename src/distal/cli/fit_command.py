@@ -1,7 +1,6 @@
-"""`distal fit`: a rig's parameters and noise from its own logs; and `distal calibrate`: the
-parameters of a hand from the log of its power-on routine.
-
-`distal rig from-logs` and `distal learn`: from logs alone to a rig file, and to angles.
+"""Commands that learn a rig from logs: `distal fit` (parameters and noise of a rig file), `distal
+learn` and `distal rig from-logs` (a rig from logs alone), `distal calibrate` (a hand from the
+log of its power-on routine).
 """
 
 from __future__ import annotations

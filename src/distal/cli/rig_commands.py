@@ -1,9 +1,7 @@
-"""`distal rigs`; `distal rig check`, `draw`, `show`, `new`; `distal rig from-table`, `from-orca`,
-`from-mjcf`: a rig file from a table or from a maker's or a simulator's files; `to-mjcf`: a model
-for MuJoCo from a rig.
-
-Commands that write the filter as C for a microcontroller or as an FMU (`distal export-c`,
-`distal export-fmu`), and `distal doctor`, which says what is installed.
+"""Commands on rig files: `distal rigs`; `distal rig check`, `draw`, `show`, `new`; `from-table`,
+`from-orca` and `from-mjcf` make one from the files of a maker or a simulator, `to-mjcf` a model
+for MuJoCo; `distal export-c` and `export-fmu` write the rig's filter; `distal doctor` says what
+is installed.
 """
 
 from __future__ import annotations

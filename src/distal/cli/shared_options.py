@@ -1,7 +1,6 @@
-"""What commands print: plain lines and tables on stdout, warnings and errors on stderr.
-
-What several commands share: their options; and their inputs and outputs, which are checked
-before a command begins, see `distal.logs.check_outputs`.
+"""What several commands share: their options; their inputs and outputs, which are checked before a
+command begins (`distal.logs.check_outputs`); and what they print: lines and tables on stdout,
+warnings and errors on stderr.
 """
 
 from __future__ import annotations

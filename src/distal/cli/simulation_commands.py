@@ -1,8 +1,6 @@
-"""`distal control`: a controller in the loop, with several feedbacks; and `distal command`: from
-desired joint angles to the setpoints of the drives.
-
-Commands that simulate: `distal simulate`, `distal scenarios`, `distal scenario show`,
-`distal reproduce`; `distal study`, `distal studies`.
+"""Commands that simulate: `distal simulate`, `distal scenarios`, `distal scenario show`, `distal
+reproduce`, `distal study`, `distal studies`, `distal control` (a controller in the loop); and
+`distal command`, from desired angles to the setpoints of the drives.
 """
 
 from __future__ import annotations

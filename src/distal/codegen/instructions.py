@@ -1,22 +1,13 @@
-"""Where the numbers of a generated function lie, and the C that reaches them.
+"""C of the instructions of a function of matrices, by one writer each: slices, joins and shapes;
+products (dense, with one sparse factor, of rank one, of two vectors); and calls.
 
-A `Value` is a run of neighbouring numbers: in an argument, in the state, in scratch, or a constant.
-`Scratch` is one array that all intermediates share. Its size and what lies where are known only
-after the last instruction. Positions in it are therefore written as marks («…») at first, which
-`Scratch.settled` replaces.
-
-What the writers of one function of matrices share: the values that each instruction reads and
-makes, and where each result goes.
-
-A result is a view of another value, or lies over an input that is no longer needed, or in new
-scratch. CasADi's instructions use the slots of a work vector again and again. Here each result has
-a number of its own that is never used again (static single assignment), so that what is done with
-a result does not depend on its slot.
-
-C of the instructions of a function of matrices, by one writer each: slices, joins and shapes of
-values, most of which are views; products: dense, with one sparse factor, of rank one, and of two
-vectors; and calls, of which a result that is nothing but an output of the caller is written
-straight into that output, every other one into scratch.
+A `Value` is a run of neighbouring numbers: in an argument, in the state, in scratch, or a
+constant. A result is a view of another value, or lies over an input that is no longer needed, or
+in new scratch; one that is nothing but an output of the caller is written straight into that
+output. `Scratch` is one array that all intermediates share. Its size and what lies where are known
+only after the last instruction, so that positions in it are written as marks («…») at first, which
+`Scratch.settled` replaces. CasADi's instructions use the slots of a work vector again and again.
+Here each result has a number of its own that is never used again (static single assignment).
 """
 
 from __future__ import annotations

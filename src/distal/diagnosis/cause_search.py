@@ -1,13 +1,11 @@
-"""The filter over a log with changes of causes, side by side in vector lanes.
-
-Which cause explains what a log says against its rig: sizes by known motion and by the score
-test, then the filter itself, run without each likely cause.
+"""Which cause explains what a log says against its rig: sizes by known motion and by the score
+test, then the filter itself, run without each likely cause, side by side in vector lanes.
 
 Of a rig whose logs taught what forces are normal, it is the change of a reading after which the
-forces are those of free motion at their positions (`wrong_readings`). Each change costs k Σ min(T²,
-c) + 2 ln(1 + δ²): T² of `distal.run.redundancy` in the mean of the log, c where a position is where
-no log has been; k spans of time that count as independent; and the distance δ of the change from
-what the rig says, in its stds, with Cauchy's prior.
+forces are those of free motion at their positions (`wrong_readings`). Each change costs k Σ
+min(T², c) + 2 ln(1 + δ²): T² of `distal.run.redundancy` in the mean of the log, c where a position
+is where no log has been; k spans of time that count as independent; and the distance δ of the
+change from what the rig says, in its stds, with Cauchy's prior.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
-"""A finding is one statement of the diagnosis; its text is made by one function for each kind.
+"""What may be wrong with a rig or a log, each as one number x that is zero where all is as the rig
+says (scales, zeros, delays and columns of sensors, moment arms, stiffnesses, frictions,
+damping); the size of each by known motion; and findings, one statement of the diagnosis each.
 
-What may be wrong with a rig or a log: sensors' scales, zeros, delays and columns, moment arms,
-stiffnesses, frictions and damping. Each is one number x, zero where all is as the rig says.
-
-Which size of a cause explains best where the drives are, with the joints at known angles.
-
-A drive is at  s = g(θ) + (U − U₀)/K + friction, with the position g that the joints ask of it, its
-pull U, the pull U₀ of pre-tension, and the stiffness K of its tendons. What remains of a reading, ρ
-= s − g − (U − U₀)/K, is linear in most causes however large they are: its derivatives come from
-CasADi, and least squares give the size.
+With the joints at known angles a drive is at  s = g(θ) + (U − U₀)/K + friction, with the position
+g that the joints ask of it, its pull U, the pull U₀ of pre-tension, and the stiffness K of its
+tendons. What remains of a reading, ρ = s − g − (U − U₀)/K, is linear in most causes however large
+they are: its derivatives come from CasADi, and least squares give the size.
 """
 
 from __future__ import annotations

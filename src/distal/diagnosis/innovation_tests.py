@@ -1,15 +1,13 @@
-"""Rao's score test of possible causes: whether a change of one of them would make what was observed
-likelier, by more than chance and by more than the rig's own stds allow.
+"""What an estimate says by itself of a rig: innovations that are too large or not white, states
+that left their priors; and Rao's score test: whether a change of one cause would make what was
+observed likelier, by more than chance and by more than the rig's own stds allow.
 
 With residuals r of unit variance under the rig and their derivatives D by the causes x, each cause
 has the score s = −Dᵀ r and the information I = Dᵀ D (Rao, Proc. Camb. Phil. Soc. 44, 1948). Where
-what a cause leaves of a channel has a larger variance, both are divided by that.
-Residuals are correlated: a value of a channel counts by the ratio of its plain to its long-run
-variance, that of sums over spans of time (Newey and West, Econometrica 55, 1987). The rig's own std
-σ of a cause adds (I σ)² to the variance of its score.
-
-What an estimate says by itself: innovations that are too large or not white, states that left
-their priors; and the diagnosis in one line.
+what a cause leaves of a channel has a larger variance, both are divided by that. Residuals are
+correlated: a value of a channel counts by the ratio of its plain to its long-run variance, that of
+sums over spans of time (Newey and West, Econometrica 55, 1987). The rig's own std σ of a cause
+adds (I σ)² to the variance of its score.
 """
 
 from __future__ import annotations

@@ -1,18 +1,11 @@
-"""The sensors that an estimator reads, by their role, the time after which a silent one counts as
-dead, and gaps between samples: several predictions bridge a long interval, so that sub-steps stay
-short.
+"""What all estimators share. Their base: a log or a part of it in, means, covariances and
+innovations out, no hidden state; the sensors that one reads, by their role; its belief at a
+time; the kind of each state; the checks of a sample; and gaps between samples, which several
+predictions bridge.
 
-A row of a kernel's input is x = (dt, values, mask), see `distal.kernels.layout`. A row that bridges
-a gap has no sample of its own: nothing is read in it, and displacements are interpolated along a
-straight line to the reading that ends the gap.
-
-The belief of an estimator at a time, and the states that a learned map corrects or replaces in
-what is reported of it.
-
-The base of all estimators: a log or a part of it in, means, covariances and innovations out, no
-hidden state; and the checks of a sample.
-
-The kind of each state of an estimator, and the component of the rig that it belongs to.
+A row of a kernel's input is x = (dt, values, mask), see `distal.kernels.layout`. A row that
+bridges a gap has no sample of its own: nothing is read in it, and displacements are interpolated
+along a straight line to the reading that ends the gap.
 """
 
 from __future__ import annotations

@@ -1,10 +1,6 @@
-"""Kalman filter algebra in CasADi: exact symmetry, and a covariance that scalar updates reduce.
-
-Directions of joint space that the sensors miss: only springs hold them, or nothing does.
-
-Estimators without dynamics: tendons are inextensible, or the measured force stretches them.
-
-Of one joint each tendon gives an angle; of several joints, all tendons together by least squares.
+"""Estimators without dynamics: tendons are inextensible, or the measured force stretches them. Of
+one joint each tendon gives an angle; of several joints, all tendons together by least squares,
+with the directions of joint space that the sensors miss held by springs or by nothing.
 """
 
 from __future__ import annotations

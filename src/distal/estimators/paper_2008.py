@@ -1,11 +1,8 @@
-"""Kalman filter algebra: prediction of the covariance, and sequential scalar updates in Joseph's
-form.
-
-One interval between samples with its derivatives, which are propagated from sub-step to
-sub-step.
-
-Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
+"""Extended Kalman filters on the full state, as in the 2008 paper: forces are inputs, displacements
 are measured. docs/results/reproduction.md says which equation is where.
+
+Derivatives are propagated from sub-step to sub-step over the interval between two samples; updates
+are sequential and scalar, in Joseph's form.
 """
 
 from __future__ import annotations

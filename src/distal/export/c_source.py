@@ -1,11 +1,6 @@
-"""What the exported texts of C share: templates and their blanks, comments, the pair of files, the
-numbers that a filter puts out, the health of its stream, and the names that C functions may have.
-
-One estimator of one rig as C99: a header and a source, without malloc or global variables; the
-caller owns the state.
-
-The live inverse as C99, beside an exported filter: it computes the next commands of the drives
-from the filter's state and the desired angles.
+"""One estimator of one rig as C99: a header and a source, without malloc or global variables (the
+caller owns the state); beside it, where it is asked for, the live inverse, which computes the
+next commands of the drives from the filter's state and the desired angles.
 """
 
 from __future__ import annotations

@@ -1,10 +1,6 @@
-"""A folder with an exported filter: source, header and README are written together, or none.
-
-The filter as an FMU for co-simulation (FMI 3.0), with its C sources and with binaries for the
-platforms that can be compiled for.
-
-Shared libraries from C sources: for this platform by its own compiler, for others by ziglang
-where it is installed.
+"""The filter as an FMU for co-simulation (FMI 3.0), with its C sources and with binaries for the
+platforms that can be compiled for: this one by its own compiler, others by ziglang where it is
+installed; and a folder with an exported filter, whose files are written together, or none.
 """
 
 from __future__ import annotations

@@ -1,16 +1,11 @@
-"""Candidates: the ways to describe what logs show, each judged on the same held-out logs. They may
-have terms of the physics that the rig lacks, which are tried where the residuals of its equations
-are much larger than its sensors' noise.
+"""Candidates: the ways to describe what logs show, each judged on the same held-out logs; `judge`
+makes and scores them, and `Fit.of` is what is written of one.
 
-Correction maps learn the errors of the filter's angle. On logs that its parameters were fitted to,
-the filter errs less than on others, so each log is filtered with the parameters that the other logs
-tell (level-one data of stacking; Wolpert, Neural Networks 5, 1992).
-
-Everything that is learned from logs: `judge` makes all candidates and scores them on logs left
-out; `Fit.of` is what is written of one.
-
-A filter has parameters that the other logs tell (`without`), a map weights of the other logs, and
-least squares are solved without the log.
+On logs that its parameters were fitted to, a filter errs less than on others, so each log is
+filtered with the parameters that the other logs tell (`without`), a map has weights of the other
+logs, and least squares are solved without the log (level-one data of stacking; Wolpert, Neural
+Networks 5, 1992). Candidates may have terms of the physics that the rig lacks, which are tried
+where the residuals of its equations are much larger than its sensors' noise.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""The fitted rig as a file: values in their old positions, comments kept, and at the head an
-account of the fit.
+"""`fit`: learn a rig's parameters from logs, and test the result on held-out logs. `learn`: the
+same from logs alone, without a rig file.
 
-The result of a fit: values with standard errors, the origin of each, and the fitted rig.
-
-`fit`: learn a rig's parameters from logs, and test the result on held-out logs.
-
-`learn`: from logs to angles, without a rig file.
+`Fit` is the result: values with standard errors, the origin of each, and the fitted rig. Its file
+has values in their old positions, comments kept, and at the head an account of the fit.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""How a map is learned: hyperparameters by the density of held-out logs, a band by their errors.
+"""Maps learned from logs with a reference: of the angle by readings alone, of what a filter's angle
+lacks, and of the forces that are normal in free motion.
 
-The samples that each kind of map is learned from: readings, targets and the filter's angles.
-
-Maps learned from logs with a reference: of the angle by readings alone, and of what a filter's
-angle lacks.
-
-The forces that are normal for a rig in free motion, by the positions of its drives.
+Each has samples (readings, targets and the filter's angles), hyperparameters by the density of
+held-out logs, and a band by their errors.
 """
 
 from __future__ import annotations

@@ -1,19 +1,11 @@
-"""How likely a log's innovations are, and their derivatives by the coordinates: pure functions of
-arrays.
+"""What a fit minimises: −ln p of logs as a function of a rig's parameters, with its derivatives,
+evaluated in vector lanes by a filter whose kernel has the free parameters as inputs.
 
-Where a rig lacks physics, its innovations are larger than the filter expects, and keep one sign for
-seconds. The weight of each channel is therefore estimated from the innovations
-(docs/explanation/learning.md): their variance is taken as c S, with c the mean of ν²/S, and a value
-counts by the ratio of their plain to their long-run variance.
-
-The filter of a fit: the free parameters are inputs of its kernel, and several runs go through it
-side by side.
-
-Samples in which a joint rests in a stop: there its angle depends on the stop alone, and teaches
-nothing of the other parameters.
-
-What a fit minimises: −ln p of logs as a function of a rig's parameters, evaluated in vector
-lanes.
+Where a rig lacks physics, its innovations are larger than the filter expects, and keep one sign
+for seconds. The weight of each channel is therefore estimated from the innovations
+(docs/explanation/learning.md): their variance is taken as c S, with c the mean of ν²/S, and a
+value counts by the ratio of their plain to their long-run variance. Samples in which a joint rests
+in a stop do not count: its angle depends on the stop alone there.
 """
 
 from __future__ import annotations

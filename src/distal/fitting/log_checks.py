@@ -1,17 +1,14 @@
-"""How late a reference is: the age L of its samples; or whether joints follow their drives late.
+"""What is found out of logs before they are fitted: which cannot be fitted at all (`check_logs`),
+how late the reference is (`reference_lag`), and in which something touches a joint
+(`touched_logs`).
 
-Two candidates explain a lag between drives and reference. The reference is late by L: what it reads
-at t follows from φ(y) at t − L. Or the joints are, by a lag of first order with time constant τ: it
-follows from φ(y) behind that lag. Each is the map on readings alone with hyperparameters of its
-own, and the likelier one on logs left out is taken.
+Two candidates explain a lag between drives and reference. The reference is late by L: what it
+reads at t follows from φ(y) at t − L. Or the joints are, by a lag of first order with time
+constant τ: it follows from φ(y) behind that lag. Each is the map on readings alone with
+hyperparameters of its own, and the likelier one on logs left out is taken.
 
-Checks that refuse logs which cannot be fitted, before anything is computed or written.
-
-Logs in which something touches the joints, so that they say nothing true of the rig in free
-motion.
-
-They are found by the angle itself: least squares from the other logs err far more on them than on
-each other, since the same positions of the drives go with other angles.
+A touched log says nothing true of free motion. Least squares from the other logs err far more on
+it than on each other, since the same positions of the drives go with other angles.
 """
 
 from __future__ import annotations
@@ -324,12 +321,8 @@ the units may be right. Source: judgement.
 
 def check_logs(logs: Sequence[Log], rig: Rig, drafted: bool = False) -> None:
     """Refuse logs that come twice, have wrong stamps, no motion or a dead sensor, or a reference
-    angle in a wrong unit or of a wrong sign.
-
-    Args:
-        logs: all of them.
-        rig: the description.
-        drafted: whether the rig was drafted from these logs, so that signs and sizes are theirs.
+    angle in a wrong unit or of a wrong sign; of a rig that was `drafted` from these logs, whose
+    signs and sizes are theirs, the last two are not asked.
 
     Raises:
         FitError: no log came, or a log is refused; names the log and the sensor.

@@ -1,9 +1,6 @@
-"""The search for the most likely parameters: Fisher scoring in a trust region, with several steps
-tried side by side.
-
-Standard errors of a fit, and the reasons not to trust it.
-
-The estimation of a rig's parameters: by its equations where these can be asked, and by its filter.
+"""The estimation of a rig's parameters, by its equations where these can be asked, and by its
+filter: a search for the most likely ones (Fisher scoring in a trust region, with several steps
+tried side by side), standard errors, and the reasons not to trust them.
 """
 
 from __future__ import annotations

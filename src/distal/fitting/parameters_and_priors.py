@@ -1,9 +1,5 @@
-"""What a fit varies: a parameter of the rig, or several by one factor, with prior and bounds.
-
-One parameter after a fit, and what is written of it into the description.
-
-The options of a fit as one frozen object, and which parameters of a rig it varies: those with a
-std or those asked for, and the noise.
+"""What a fit varies: a parameter of the rig, or several by one factor, with prior and bounds; which
+ones these are (`choose`), by the `Options` of the fit; and what is written of each afterwards.
 """
 
 from __future__ import annotations

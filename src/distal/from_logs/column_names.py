@@ -1,11 +1,10 @@
-"""What the names of columns say: words in five languages, units behind them, and families.
+"""What each column is by its name and its values: its role, its unit and its subject.
 
-Each kind of word and each unit speaks for and against roles by a logarithm of odds, and these add
-up (naive Bayes). Columns of one subject are a family: where one of them is a current or a command,
-the subject is a drive, whatever its name, and one of the others is its position.
-
-What the values of columns say: noise, steps and wraps of each; and what a column is, with its
-unit: as its header says it, else by its words and the range of values.
+Words in five languages, and each unit, speak for and against roles by a logarithm of odds, and
+these add up (naive Bayes). Columns of one subject are a family: where one of them is a current or
+a command, the subject is a drive, whatever its name, and one of the others is its position. Values
+show noise, steps and wraps; the unit is as the header says it, else by words and the range of
+values.
 """
 
 from __future__ import annotations

@@ -1,18 +1,12 @@
-"""Sizes of drives and tendons by what a drive moves: arms, stiffness, pre-tension, friction.
+"""The drives and joints that logs show: of each drive, by what it moves, arms, stiffness,
+pre-tension and friction, by least squares; and which joints the logs cannot tell.
 
-Friction, damping and inertia between a drive's effort and the joints that it moves:
+Friction f, damping b and inertia I between a drive's effort and the joints that it moves:
 
     e = Σ_j α_j θ_j + β x + f sign(dx/dt) + b dx/dt + I d²x/dt² + c
 
-by least squares over all logs while the drive moves, both sides smoothed alike. The tendons' pull
-is by how far they are stretched, α and β.
-
-Drives and joints as logs show them.
-
-The joints and drives that logs show, and what they cannot tell of them.
-
-What the drives' positions tell of the joints, by least squares: more than the joints tell of them
-in a soft body, or where several joints share few drives.
+over all logs while the drive moves, both sides smoothed alike. The tendons' pull is by how far
+they are stretched, α and β.
 """
 
 from __future__ import annotations

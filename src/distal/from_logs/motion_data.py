@@ -1,7 +1,6 @@
-"""A log before any rig is known: all its columns that hold numbers, as they came, and its time.
-
-The columns of some logs as drives, efforts and joints in SI, at a common lower rate; and least
-squares by columns of one size, with how well each coefficient is told.
+"""Logs before any rig is known: their columns of numbers, as they came, and then as drives, efforts
+and joints in SI at a common lower rate; and least squares by columns of one size, with how well
+each coefficient is known.
 
 Angles, speeds and accelerations of a log are those of local cubics (Savitzky and Golay 1964), all
 smoothed alike.

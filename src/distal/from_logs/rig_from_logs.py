@@ -1,9 +1,6 @@
-"""What each column of some logs is: its role, its unit, whose it is, and how sure that is.
-
-Where logs hold the readings of a rig file's sensors, whose columns it does not name.
-
-`rig_from_logs`: a rig file from logs alone. Its raw description comes from columns, structure
-and sizes, each guess marked.
+"""`rig_from_logs`: a rig file from logs alone. Its raw description comes from columns, structure
+and sizes, each guess marked. `draft_columns` finds the readings of a given rig file, whose
+columns it does not name.
 
 The tendons of a joint pass over all joints before it. A joint so comes before another one if
 tendons of all drives of the latter cross it. Of two joints with the same drives the one whose

@@ -1,16 +1,10 @@
-"""Parameters of one independent subsystem of a hand, a finger or a joint, by the ordinary fit to
-its sweeps: the ends of the joints' ranges, where the motors met them, are the reference angles.
+"""`calibrate`: the parameters of a hand from its power-on routine alone.
 
-Faults of tendons and spools that a power-on routine shows.
-
-What in a hand's file the ends of its motors' travel contradict, in words, and what would correct
-it.
-
-The file predicts where a motor meets both ends of its travel, with a covariance. Where what was met
-is too improbable, the likeliest single mistakes that explain it are named.
-
-`calibrate`: the parameters of a hand from its power-on routine alone; the reference angles are
-the ends of the joints' ranges.
+The ends of the joints' ranges, where the motors met them, are the reference angles; the parameters
+of each finger follow by the ordinary fit to its sweeps. Faults of tendons and spools are named.
+The hand's file predicts where a motor meets both ends of its travel, with a covariance: where what
+was met is too improbable, the likeliest single mistakes in the file that explain it are named, and
+what would correct them.
 """
 
 from __future__ import annotations

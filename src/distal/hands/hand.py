@@ -1,7 +1,6 @@
-"""Motors of a hand through its own SDK: readings, temperatures, goals. `distal` imports no SDK.
-
-`Hand`: joint angles of a hand without sensors in its joints, and goals for its motors, through
-its own SDK.
+"""`Hand`: joint angles of a hand without sensors in its joints, and goals for its motors, through
+its own SDK, of which `Motors` says what is needed (readings, temperatures, goals). `distal`
+imports no SDK.
 """
 
 from __future__ import annotations

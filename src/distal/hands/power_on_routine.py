@@ -1,8 +1,5 @@
-"""Sweeps of a power-on routine: each motor goes slowly from one end of its travel to the other,
-several times.
-
-The power-on routine: each motor goes slowly to both ends of its travel and back, with limits on
-its torque and on time.
+"""The power-on routine: each motor goes slowly from one end of its travel to the other, several
+times, with limits on its torque and on time.
 """
 
 from __future__ import annotations

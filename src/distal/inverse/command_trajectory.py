@@ -1,21 +1,14 @@
-"""Commands of drives over time, the angles that they reach, and what they cannot do, in words.
+"""Commands of the drives for a whole desired trajectory: the setpoints of their servos, the angles
+that the joints reach, with the band of an open loop, and what they cannot do, in words.
 
-Angles at which joints come to rest with the drives' positions that are really sent, and their
-variances: the band of an open loop.
-
-Joints rest where friction l holds the residual torque r, |r(θ, s, p)| ≤ l, at the drives' positions
-s. At the desired angles r is zero, unless a drive is cut at the end of its range, at its force
-limit or at its speed limit. Then Newton's steps find θ, from the angles of the sample before and
-within the stops: far from there the geometry of a tendon has other solutions.
-
-Since r(θ, s, p) = 0 there, dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The parameters p have the stds of the rig
-file, and the positions those of their sensors. A joint whose friction has not turned over may rest
-anywhere within the friction limit l of that.
-
-Setpoints of servos: what a drive is sent so that, with its servo's speed limit, lag and delay,
-it follows positions.
-
-Commands of the drives for a whole desired trajectory of the joints at once.
+A setpoint is what a drive is sent so that, with its servo's speed limit, lag and delay, it follows
+positions. Joints rest where friction l holds the residual torque r, |r(θ, s, p)| ≤ l, at the
+drives' positions s that are really sent. At the desired angles r is zero, unless a drive is cut at
+the end of its range, at its force limit or at its speed limit. Then Newton's steps find θ, from
+the angles of the sample before and within the stops: far from there the geometry of a tendon has
+other solutions. Since r(θ, s, p) = 0 there, dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The parameters p have the
+stds of the rig file, and the positions those of their sensors. A joint whose friction has not
+turned over may rest anywhere within the friction limit l of that.
 """
 
 from __future__ import annotations

@@ -1,30 +1,15 @@
-"""What commands take from the rig beside the parameters of the equations: limits, ranges, stds and
-servos.
-
-Balance of the joints: the torques that they need, the pulls of the drives that make them, and
-the forces of the drives.
+"""One sample of the inverse: from desired angles to the setpoints of the drives.
 
 At a desired angle θ, speed ω and acceleration α a joint needs from its tendons the torque  τ = M α
-+ b ω − passive(θ) + d l(T) − τ_ext,  with the inertia M, the damping b, the friction limit l at the
-tensions T, the direction of motion d, and the external torque τ_ext. All terms are those of
-`Mechanism`.
-
-The one PID law that every controller has: torques of joints that feedback of an estimated angle
-asks for.
-
-The distribution of tensions: pulls of the tendons that make the torques of joints.
-
-Where tendons are more than the joints and all stay taut, the pulls f solve A f = τ with f ≥ f_min
-and the least Σ f, a linear programme: at its solution as many pulls are at their minimum as there
-are more pulls than torques (a vertex). The few sets of pulls that may be at their minimum are tried
-one by one, without iteration, in exported C too.
-
-One sample of the inverse: from desired angles to the setpoints of the drives.
-
-The torques τ that the joints need (`Balance`) give the pulls f with A f = τ (`torques`). Each
-drive goes to the position s at which its tendons pull so by the model, T(θ, s) = f. Since T grows
-with s, Newton's steps within a bracket find it. The internal state (backlash, points of sheaths,
-creep) is kept from sample to sample and follows the commands.
++ b ω − passive(θ) + d l(T) − τ_ext,  with the inertia M, the damping b, the friction limit l at
+the tensions T, the direction of motion d, and the external torque τ_ext, all as `Mechanism` has
+them (`Balance`); feedback of an estimated angle adds the torque of a PID law. The pulls f solve A
+f = τ with f ≥ f_min. Where tendons are more than the joints and all stay taut, they have the least
+Σ f, a linear programme: at its solution as many pulls are at their minimum as there are more pulls
+than torques (a vertex), and the few sets of pulls that may be are tried one by one, without
+iteration, in exported C too. Each drive goes to the position s at which its tendons pull so by the
+model, T(θ, s) = f. Since T grows with s, Newton's steps within a bracket find it. The internal
+state (backlash, points of sheaths, creep) is kept from sample to sample and follows the commands.
 """
 
 from __future__ import annotations

@@ -1,22 +1,19 @@
-"""What motors read, and which of it can be believed.
+"""The gate through which every goal of a motor goes: what does not pass is not sent.
 
-A motor is taken to be where it was read last, unless that reading is in doubt. A reading is in
-doubt if it leapt further than the motor can go, until it leaps back or is where the motor was sent.
-A reading is stale, an old one handed out again, if it does not change although the motor has to
-move, or if the motor had moved away from it. A motor is deaf if it stands away from its goal with
-the torque that it had near the last goal that it reached.
+A motor gets no goal before its sensor was read, nor while its reading is in doubt. It is taken to
+be where it was read last, unless that reading leapt further than the motor can go, until it leaps
+back or is where the motor was sent. A reading is stale, an old one handed out again, if it does
+not change although the motor has to move, or if the motor had moved away from it. A motor is deaf
+if it stands away from its goal with the torque that it had near the last goal that it reached.
 
-The gate through which every goal of a motor goes: what does not pass is not sent.
-
-A motor gets no goal before its sensor was read, nor while its reading is in doubt. A goal is a
-finite position within three limits: the motor's range, what it can go by then, and a way that is
-tried where it stands. A motor without a reading for `Caution.oldest` stops, and with it every motor
-whose tendons cross one of its joints.
+A goal is a finite position within three limits: the motor's range, what it can go by then, and a
+way that is tried where it stands. A motor without a reading for `Caution.oldest` stops, and with
+it every motor whose tendons cross one of its joints.
 
 A motor that stops keeps the force F that it holds. A servo of stiffness K and lag T, at position s
-and speed v, holds F with a goal at u = s + v T + F/K. Where the goal that was sent last agrees with
-this u, as the last readings give it, the motor keeps that goal, and otherwise it gets u. With a
-goal at s it would give way by F/K. After `Caution.patience` the motor does what the rig's
+and speed v, holds F with a goal at u = s + v T + F/K. Where the goal that was sent last agrees
+with this u, as the last readings give it, the motor keeps that goal, and otherwise it gets u. With
+a goal at s it would give way by F/K. After `Caution.patience` the motor does what the rig's
 `when_lost` says; a hot motor begins to let go at once.
 """
 

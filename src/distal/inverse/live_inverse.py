@@ -1,15 +1,13 @@
-"""One sample of the inverse in a control loop, at the parameters and angles that the filter
-believes, with feedback of the estimated angle.
+"""The inverse in a control loop: readings in, commands of the drives out, with the same filter as
+`LiveEstimator`, at the parameters and angles that it believes, and with feedback of the
+estimated angle.
 
-A reference r follows the desired angle w by  dr/dt = dw/dt + clip(ε/h, ± √(2 a |ε|)),  with ε = w −
-r one sample h before, and is limited to the speed and the acceleration a of the joint. The angle
+A reference r follows the desired angle w by  dr/dt = dw/dt + clip(ε/h, ± √(2 a |ε|)),  with ε = w
+− r one sample h before, and is limited to the speed and the acceleration a of the joint. The angle
 that is commanded is  r + T dr/dt + (T²/2) d²r/dt² + c − m,  with the lag and delay T of the drives
 (`Servo`), the third term no larger than the second, and the correction m by a learned map. The
 correction c follows from the estimated angle θ̂ and the error e = r − θ̂ by  dc/dt = k e  outside
 of a dead band. Drives that follow forces get the torque of `feedback_torques` in addition.
-
-The inverse in a control loop: readings in, commands of the drives out, with the same filter as
-`LiveEstimator`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
-"""How kernels are found: the structure on which one depends, since rigs that agree in it share the
-kernel whatever their numbers are; how its function is made; and the folder of compiled ones.
-
-In the folder they are found by what they are made from, the compiler and the CPU; several processes
-may use it at once.
-
-Shared libraries of kernels: C from CasADi, built once by the C compiler of this computer.
+"""Kernels as shared libraries: C from CasADi, built once by the C compiler of this computer, in a
+folder that several processes may use at once. There they are found by what they are made from,
+the compiler and the CPU; rigs that agree in the structure on which a kernel depends share it,
+whatever their numbers are.
 """
 
 from __future__ import annotations

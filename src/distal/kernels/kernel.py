@@ -1,17 +1,9 @@
-"""Many runs of one kernel side by side, one in each vector lane.
+"""A kernel: one function of a kernel state and a sample, compiled where that is possible and
+interpreted otherwise; and its runs, one alone or several side by side, one in each vector lane,
+on several threads.
 
-A kernel: one function of a kernel state and a sample, which is compiled where that is possible
-and interpreted otherwise; and the kernels that a process keeps by their structure, since rigs that
-differ in their numbers alone share one.
-
-Runs of kernels: their kernel states and outputs, for one run or for several side by side in
-vector lanes.
-
-Numbers of a vector by their indices, by which functions of parts are joined to one function of
-the whole.
-
-Work on many items by several threads. Results come in the items' order, and only what is in work
-is in memory.
+Kernels that a process has made are kept by their structure, since rigs that differ in their
+numbers alone share one.
 """
 
 from __future__ import annotations

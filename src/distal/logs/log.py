@@ -1,7 +1,7 @@
 """A log: time and sensor readings in SI, in which NaN is a missing reading.
 
-Readings of joints' angles that come late: a camera's frame is old when it is stamped, and a slow
-sensor's sample stays in the log until its next one.
+A joint's angle may come late: a camera's frame is old when it is stamped, and a slow sensor's
+sample stays in the log until its next one.
 """
 
 from __future__ import annotations

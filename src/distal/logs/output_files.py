@@ -1,7 +1,6 @@
 """Files that are written: checked before the work begins, so that no input is overwritten and no
-result is lost at the end; each written completely or not at all.
-
-The memory that reading a log may take: a small file can ask for more than there is.
+result is lost at the end; each written completely or not at all. And the memory that reading a
+log may take: a small file can ask for more than there is.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""Positions as an encoder reads them: it may wrap, or count from another turn after a restart. What
-a reading is worth the filter knows.
+"""Raw readings to SI: logged numbers as samples in SI, one after the other, without what registers,
+encoders and drivers did to them. What a reading is worth the filter knows.
 
-Raw readings to SI: logged numbers as samples in SI, one after the other, without what
-registers, encoders and drivers did to them.
-
-Logs, streams and hands pass the same conversion, sample by sample, so that a log gives what its
-stream gave.
+An encoder may wrap, or count from another turn after a restart. Logs, streams and hands pass the
+same conversion, sample by sample, so that a log gives what its stream gave.
 """
 
 from __future__ import annotations

@@ -1,9 +1,6 @@
-"""Units of columns: headers that give one, such as ``theta [rad]``, and the factor that turns a
-column's numbers into SI.
-
-The cells of a table as the file holds them (numbers, dates or text), and how text becomes
-numbers; and columns that hold vectors, as in robot-learning datasets, which become one column for
-each number.
+"""The cells of a table as the file holds them (numbers, dates or text), and how text becomes
+numbers; headers that give a unit, such as ``theta [rad]``, and the factor to SI; and columns
+that hold vectors, as in robot-learning datasets, which become one column for each number.
 """
 
 from __future__ import annotations

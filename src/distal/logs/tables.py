@@ -1,8 +1,6 @@
-"""Logs in MCAP files and ROS bags: topic and field name a column, and near stamps become one
-row.
-
-Tables from files and frames, and episodes of robot-learning datasets (LeRobot, versions 2 and
-3), each of which is a log.
+"""Tables from files and frames: CSV, Parquet, HDF5; MCAP files and ROS bags, where topic and field
+name a column and near stamps become one row; episodes of robot-learning datasets (LeRobot,
+versions 2 and 3), each of which is a log.
 
 Every error names the file, row and column, the value found, and what is allowed.
 """

@@ -1,7 +1,6 @@
-"""Exact Coulomb friction: a projection of the velocity, not a smoothed sign.
-
-End stops: springs and dampers that only push. A contact is taken implicitly where a body presses
-against a stop, and as a rebound where it hits one.
+"""Exact Coulomb friction: a projection of the velocity, not a smoothed sign; and end stops: springs
+and dampers that only push. A contact is taken implicitly where a body presses against a stop,
+and as a rebound where it hits one.
 
 F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0:
 equation (14), reconstructed. Its max and min are a correction: a stop only pushes, and as written

@@ -1,19 +1,16 @@
-"""One kick of joints that carry one another: all of their velocities at once, with exact friction
-and their stops.
-
-In impulses over a kick of length h the equations are A v⁺ + h f = r with A = M(q) + h (D̃ + D) and
-r = (M + h D̃ − h C) v + h (F − c − g), f being friction. The Coriolis torques c are those in the
-middle of the kick. C holds the joints' viscous dampings. D̃_j = (M_jj/h)(φ(x) − 1) with φ(x) = x/(1
-− e^{−x}) and x = C_j h/M_jj makes the response of a joint alone the exact one of `free_response`. D
-is damping that is taken implicitly. Where a kick is long compared with the joints' own oscillation,
-the tendons' stiffness K is taken implicitly too, A += h² K, and the joints come to rest within the
-kick (linearly implicit Euler; Hairer and Wanner, Solving Ordinary Differential Equations II, 1996,
-section IV.7).
-
-The time step: kick–drift–kick leapfrog with exact damping, exact friction, and stops.
-
-One interval between samples: repeated calls of one function for a sub-step, whose code is there
+"""The time step: kick–drift–kick leapfrog with exact damping, exact friction, and stops. An
+interval between samples is repeated calls of one function for a sub-step, whose code is there
 once.
+
+Joints that carry one another get all of their velocities at once. In impulses over a kick of
+length h the equations are A v⁺ + h f = r with A = M(q) + h (D̃ + D) and r = (M + h D̃ − h C) v + h
+(F − c − g), f being friction. The Coriolis torques c are those in the middle of the kick. C holds
+the joints' viscous dampings. D̃_j = (M_jj/h)(φ(x) − 1) with φ(x) = x/(1 − e^{−x}) and x = C_j
+h/M_jj makes the response of a joint alone the exact one of `free_response`. D is damping that is
+taken implicitly. Where a kick is long compared with the joints' own oscillation, the tendons'
+stiffness K is taken implicitly too, A += h² K, and the joints come to rest within the kick
+(linearly implicit Euler; Hairer and Wanner, Solving Ordinary Differential Equations II, 1996,
+section IV.7).
 """
 
 from __future__ import annotations

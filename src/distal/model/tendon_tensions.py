@@ -1,18 +1,11 @@
-"""Springs that are not linear: tendons that stiffen, and extension springs of joints.
+"""The tendons of a rig: lengths as functions of the joints' angles and the drives' positions, the
+internal state along each (backlash, points of friction in a sheath, creep), tensions and forces,
+with springs that stiffen.
 
-Play operators inside a rig, which no sensor sees: the far side of a backlash, and the points of
-a cable in its sheath (`Sheath`).
-
-Each of them is massless and held by friction, so that its forces are in balance at every time. It
-moves by p⁺ = clip(p, a, b) with bounds a and b that the rest of the rig moves (the play operator;
-Visintin, Differential Models of Hysteresis, 1994).
-
-A cable in its sheath, with friction along its way.
-
-The lengths of a rig's tendons as functions of the joints' angles and the drives' positions.
-
-The tendons of a rig beyond their lengths: the internal state along each (backlash, points in a
-sheath, creep), tensions and forces.
+The far side of a backlash and the points of a cable in its sheath (`Sheath`) are seen by no
+sensor. Each of them is massless and held by friction, so that its forces are in balance at every
+time. It moves by p⁺ = clip(p, a, b) with bounds a and b that the rest of the rig moves (the play
+operator; Visintin, Differential Models of Hysteresis, 1994).
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""What a learned map sees: readings, and what they remember, as one CasADi function of a sample.
+"""What a learned map sees (readings, and what they remember), and the map itself, each as one
+CasADi function of a sample with a memory between samples.
 
 It is the same function live, in C, in vector lanes, and over logs when weights are learned.
-
-A learned map as a CasADi function of one sample, with a memory between samples.
 """
 
 from __future__ import annotations

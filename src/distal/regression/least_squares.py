@@ -1,8 +1,8 @@
-"""Folds: which logs are held out together.
+"""Least squares of logs, as yardsticks and of servos; and folds: which logs are held out together.
 
-Least squares of logs. As yardsticks they give the angles by the readings, as ten lines of NumPy
-would do it: without prior, band or limits, and in no rig file. Each fit is compared with them on
-the same held-out logs, which shows whether its physical model errs less.
+As yardsticks they give the angles by the readings, as ten lines of NumPy would do it: without
+prior, band or limits, and in no rig file. Each fit is compared with them on the same held-out
+logs, which shows whether its physical model errs less.
 
 Of servos, where logs hold the setpoints that were sent, they give stiffness K and dead band δ: one
 with a lag T stands at the position s for which  u − s = F/K + δ d + T ds/dt,  with u its setpoint,

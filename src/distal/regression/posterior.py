@@ -1,14 +1,10 @@
-"""Samples of a log from which a map learns.
-
-Cross-validation: which logs are held out together.
-
-What logs tell of a map's weights, by Bayes' rule.
+"""What logs tell of a map's weights, by Bayes' rule; and the map of a log in which targets are
+known for a while, such as in a homing move.
 
 y = φᵀ b + φ₀ᵀ b_l + e: the weights b ~ N(0, P) are shared by all logs, b_l ~ N(0, Ω), of the
-constant, the readings and the slips, is drawn anew by each log, and e ~ N(0, σ²). Each posterior is
-a solve with sums over logs of φφᵀ, so that leaving a log out is leaving a term out.
-
-Learned maps of a log in which targets are known for a while, such as in a homing move.
+constant, the readings and the slips, is drawn anew by each log, and e ~ N(0, σ²). Each posterior
+is a solve with sums over logs of φφᵀ, so that leaving a log out is leaving a term out. `Samples`
+are a log as a map takes it, `Evidence` what one joint's map sees of it.
 """
 
 from __future__ import annotations

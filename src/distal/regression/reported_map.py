@@ -1,7 +1,5 @@
-"""A learned map whose weights are in its memory, so that an angle that is known now conditions them
-while it runs, in C too.
-
-The function of a filter that reports some of its states with learned maps.
+"""A filter that reports some of its states with learned maps, whose weights may be in its memory,
+so that an angle that is known now conditions them while it runs, in C too.
 """
 
 from __future__ import annotations

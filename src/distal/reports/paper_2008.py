@@ -1,12 +1,7 @@
-"""The 2008 paper's two test series, simulated on a plant and filtered with the parameters of the
-paper's Table 1.
-
-The paper's statements C1 to C12, each as measures of simulated runs with thresholds that were
-written down before the first run.
-
-Figures 2 to 5 of the 2008 paper, simulated.
-
-The files of the reproduction: figures, results and a page on the 2008 paper.
+"""The 2008 paper, reproduced: its two test series, simulated on a plant and filtered with the
+parameters of its Table 1; its statements C1 to C12, each as measures of simulated runs with
+thresholds that were written down before the first run; its figures 2 to 5; and a page with all
+of them.
 """
 
 from __future__ import annotations

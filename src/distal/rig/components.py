@@ -1,12 +1,9 @@
-"""Joints: how they follow one another in a chain, the links that they turn, inertia, friction,
-springs, gravity and stops.
+"""The components of a rig: joints (how they follow one another in a chain, links, inertia,
+friction, springs, gravity, stops), drives (a slider or a motor's capstan) and tendons, with how
+each is fixed to a joint and meets it.
 
-Drives: what pulls the tendons at the proximal end, a slider or a motor's capstan.
-
-How a tendon meets its joint. A kind is a class with its description and its geometry, and its
-name in the unions at the end of this file.
-
-Tendons and how they are fixed to the joint.
+A kind of meeting is a class with its description and its geometry, and its name in the unions at
+the end of this file.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""The table of a hand, in a spreadsheet's CSV: a line for each joint, and what moves it.
-
-The rig of a hand from the rows of its table, and what is assumed where they say nothing.
-
-Rigs of ORCA hands from their own `config.yaml` and `calibration.yaml`.
+"""The rig of a hand from its table, a spreadsheet's CSV with a line for each joint and what moves
+it, and what is assumed where the table says nothing; and rigs of ORCA hands from their own
+`config.yaml` and `calibration.yaml`.
 """
 
 from __future__ import annotations

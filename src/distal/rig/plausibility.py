@@ -1,7 +1,6 @@
 """The numbers of a rig by their path, and how far they can be trusted: known to a factor only,
-taken and not measured, or allowed but improbable.
-
-The possible positions of a drive, by its own stops or by the range of its joint.
+taken and not measured, or allowed but improbable; and the possible positions of a drive, by its
+own stops or by the range of its joint.
 """
 
 from __future__ import annotations

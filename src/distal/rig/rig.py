@@ -1,9 +1,6 @@
-"""The description of a whole rig: joints, drives, tendons, sensors, and the format of its logs.
-
-Touches: how a force on a link turns the joints of a chain together.
-
-Independent subsystems of a rig, which move without one another, such as the fingers of
-a hand.
+"""The description of a whole rig: joints, drives, tendons, sensors, and the format of its logs; how
+a force on a link turns the joints of a chain together; and its independent subsystems, which
+move without one another, such as the fingers of a hand.
 """
 
 from __future__ import annotations

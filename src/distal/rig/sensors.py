@@ -1,12 +1,6 @@
-"""What every sensor has, and what a kind of measurement is: the parts that it is of, its unit, what
-it reads of a motion, and which estimators use it; and the sensors of motions, the position of a
-drive and the angle of a joint.
-
-Sensors of forces: the effort of a drive, the tension of a tendon, the external torque on a
-joint.
-
-All kinds of sensors. A further one is a class and a line in `MEASURANDS`,
-and its class in `Sensor`; below, the conversion between a log's numbers and SI.
+"""All kinds of sensors: what every one has; what a kind of measurement is (the parts that it is of,
+its unit, what it reads of a motion, which estimators use it); and the conversion between a log's
+numbers and SI. A further kind is a class, a line in `MEASURANDS`, and its class in `Sensor`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""A description from raw values: checked by pydantic, with all its problems in one line; and names
-for its numbers: as a path with the names of its parts, in words, and as columns of estimates.
-
-``--set path=value``: replace one value of a raw description, by its path.
+"""A description from raw values: checked by pydantic, with all its problems in one line; ``--set
+path=value``, which replaces one of them by its path; and names for its numbers: as a path with
+the names of its parts, in words, and as columns of estimates.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""The health of a stream as one function, which Python, C, the lab and FMUs share: what is wrong
-with a sample.
+"""The health of a stream: one function, which Python, C, the lab and FMUs share, says in one word
+what is wrong with a sample; `Monitor` skips or bridges samples that are late, missing, dead or
+contradictory.
 
 The function remembers ages and means from sample to sample. Its limits stand here, but for those
 that the filter uses too (`dead_after`).
-
-A stream with its health: samples that are late, missing, dead or contradictory are skipped or
-bridged, and one word says so.
 """
 
 from __future__ import annotations

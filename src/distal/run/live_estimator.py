@@ -1,7 +1,5 @@
 """An estimator in a control loop: one belief, one call per sample; all arrays are made before the
-first sample.
-
-Logged values, such as counts, milliamperes or degrees, as samples in SI, live.
+first sample. Logged values, such as counts, milliamperes or degrees, become samples in SI live.
 """
 
 from __future__ import annotations

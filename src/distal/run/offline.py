@@ -1,10 +1,6 @@
-"""Run an estimator over a whole log.
-
-Estimates over many logs: on all cores, several runs side by side in vector lanes, with only the
-current logs in memory.
-
-A fixed-interval smoother: each estimate uses the whole log, also the samples after it. Offline
-only.
+"""Run an estimator over a whole log, or over many: on all cores, several runs side by side in
+vector lanes, with only the current logs in memory; and a fixed-interval smoother, whose
+estimates use the samples after them too.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""The simulated plant: the rig's equations as a kernel; of a plant whose components move in
-independent groups, the function of each group, side by side in one.
-
-What acts on a plant by a scenario's signals, as arrays on a time grid with one column per body;
-the equilibrium from which the plant starts; and its motion.
+"""The simulated plant: the rig's equations as a kernel, one function for each group of components
+that moves independently; what acts on it by a scenario's signals, as arrays on a time grid with
+one column per body; the equilibrium from which it starts; and its motion.
 """
 
 from __future__ import annotations

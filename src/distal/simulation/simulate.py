@@ -1,9 +1,6 @@
-"""The readings of the sensors in a simulated motion, at the sensors' rates.
-
-Simulation without a controller: a rig, a scenario and a seed become a log with the truth. Plants
-of one structure can move side by side in vector lanes.
-
-The file beside a simulated log that names its rig, and what its scenario changed in the rig.
+"""Simulation without a controller: a rig, a scenario and a seed become a log with the truth, the
+sensors read at their own rates; and the file beside it that names its rig, and what its scenario
+changed in the rig. Plants of one structure can move side by side in vector lanes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""Studies: what is asked of a rig before it is built, read from TOML.
-
-The space of a study's designs, one axis for each thing that varies, and the designs that fill
-it; and rigs as built: plants whose parameters are drawn from the stds of a rig's description.
+"""Studies: what is asked of a rig before it is built, read from TOML; the designs that fill the
+space of a study, one axis for each thing that varies; and rigs as built, plants whose parameters
+are drawn from the stds of a rig's description.
 """
 
 from __future__ import annotations

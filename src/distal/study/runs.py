@@ -1,7 +1,5 @@
-"""The runs of a study: rigs as built are simulated and estimated, those of one structure side by
-side in vector lanes.
-
-The folder of a study's rows, and the runs that fill it, by processes of this computer.
+"""The runs of a study, by processes of this computer: rigs as built are simulated and estimated,
+those of one structure side by side in vector lanes, and their rows fill a folder.
 
 The folder holds a small Parquet file for each chunk, written whole when the chunk ends.
 """

@@ -1,7 +1,5 @@
 """Track the drives: the position and motion of each, from readings that may be missing or wild.
-Equations (1) to (6).
-
-`Drive` says what is remembered of each.
+Equations (1) to (6). `Drive` says what is remembered of each.
 """
 
 from __future__ import annotations

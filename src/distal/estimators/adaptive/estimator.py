@@ -1,6 +1,5 @@
-"""The belief before the first sample, from the rig and from that sample's readings.
-
-`adaptive`: the filter that also estimates what is uncertain in the rig.
+"""`adaptive`: the filter that also estimates what is uncertain in the rig, and its belief before
+the first sample, from the rig and from that sample's readings.
 """
 
 from __future__ import annotations

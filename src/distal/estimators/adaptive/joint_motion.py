@@ -1,13 +1,10 @@
-"""One sub-step of the joints and the slopes of their speeds, all joints at once.
-
-A joint that sticks has zero slopes. Where an external torque is uncertain, the slopes are those of
-the expectation over it, (10).
-
-Move the joints over an interval: measured displacements move the tendons, the tendons move the
-joints. Equations (7) to (10).
+"""Move the joints over an interval: measured displacements move the tendons, the tendons move the
+joints, sub-step by sub-step with the slopes of their speeds. Equations (7) to (10).
 
 The precise sensor is the input: tensions follow from the joints' angles and the measured
-displacements, so that sliders, their ringing and their stops are no part of the state.
+displacements, so that sliders, their ringing and their stops are no part of the state. A joint
+that sticks has zero slopes. Where an external torque is uncertain, the slopes are those of the
+expectation over it, (10).
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
-"""Between two slack tendons no force tells where a joint is, but the joint lies within the play
-that they leave: (26b).
+"""Predict mean and covariance: angles and speeds move, all other states stay, fade or walk, (11) to
+(13); the effort that a drive's transmission passes on follows the measured effort, plays inside
+the rig follow their bounds, (14) to (15b).
 
-Predict mean and covariance: angles and speeds move, all other states stay, fade or walk.
-Equations (11) to (13).
-
-Move what has a play, or creeps: the effort that a drive's transmission passes on follows the
-measured effort (hysteresis), plays inside the rig follow their bounds. Equations (14) to (15b).
-
-docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
+Between two slack tendons no force tells where a joint is, but the joint lies within the play that
+they leave, (26b). Plays: docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
 """
 
 from __future__ import annotations

@@ -1,18 +1,12 @@
-"""One unknown value of the adaptive filter: its prior, how it changes, and what it adds to the
-model or to a reading. `StateVector` joins these values and sums up what they add.
+"""The kinds of states of the adaptive filter, and the state vector, which joins all states of a rig
+and sums up what they add.
 
-Internal states of a rig, which no sensor sees: the far side of a backlash, points of a cable in
-its sheath, the creep of a tendon.
-
-What is unknown of the joints' motion and of the drives: angles and speeds, which prediction
-moves by the model, and torques that no sensor measures; a drive's position where no sensor measures
-it, friction that the rig does not declare, and the effort that its transmission passes on.
-
-Uncertain parameters of the model: every one with a std whose effect sensors can show.
-
-Systematic errors of sensors: offset, gain, and the curve of a position sensor.
-
-The kinds of states, and the state vector: all states of a rig, and the sums of what they add.
+A state is one unknown value: its prior, how it changes, and what it adds to the model or to a
+reading. The kinds are: motion of the joints and torques that no sensor measures; of a drive, its
+position where no sensor measures it, friction that the rig does not declare, and the effort that
+its transmission passes on; internal states, which no sensor sees (the far side of a backlash,
+points of a cable in its sheath, creep); parameters of the model with a std whose effect sensors
+can show; and systematic errors of sensors (offset, gain, the curve of a position sensor).
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Find whether something touches a joint: an external torque may act on it once its forces say so.
-
 Equations (13b), (29), (30), (32) and (33).
 
-The mean innovation of each force is compared with what is usual. The part beyond
-that opens the variance of an external torque on the joints that the force moves (a test of the
-innovations against a jump of a state: Willsky and Jones, IEEE TAC 21, 1976). Then the size of the
-torque itself keeps the variance open, so that a light touch and a wall are both followed.
+The mean innovation of each force is compared with what is usual. The part beyond that opens the
+variance of an external torque on the joints that the force moves (a test of the innovations
+against a jump of a state: Willsky and Jones, IEEE TAC 21, 1976). Then the size of the torque
+itself keeps the variance open, so that a light touch and a wall are both followed.
 """
 
 from __future__ import annotations

@@ -1,16 +1,11 @@
-"""The friction in a drive's force, by how the drive moves: against its motion, or anything up to
-its limit while it sticks.
+"""Compare measured forces, tensions and angles with those that follow from the state, (17), and
+update the state by one comparison after the other, unless a stop may hold a joint, (22) to (26).
 
-Equations (18) to (21). A drive that moves has friction against its motion. A drive that sticks may
-have any friction up to its limit. Where the rig declares friction, the mean residual of a sticking
-drive is compared with the limits, and only the part beyond them counts (a clipped residual). Where
-it declares none, friction keeps the sign that it had, and a sample counts little.
-
-The comparison of measured forces, tensions and angles with those that follow from the state.
-Equation (17).
-
-Update the state by the comparisons, one row after the other, unless a stop may hold a joint.
-Equations (22) to (26).
+The friction in a drive's force depends on how the drive moves, (18) to (21). A drive that moves
+has friction against its motion. A drive that sticks may have any friction up to its limit. Where
+the rig declares friction, the mean residual of a sticking drive is compared with the limits, and
+only the part beyond them counts (a clipped residual). Where it declares none, friction keeps the
+sign that it had, and a sample counts little.
 """
 
 from __future__ import annotations

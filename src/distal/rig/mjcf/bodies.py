@@ -1,8 +1,7 @@
-"""The lengths and moment arms of a MuJoCo model's tendons at poses, and the polynomial of lowest
-degree in the joints' angles that gives a length; and values for what a model does not say.
-
-Joints and links of a model, as a chain whose frames are all parallel where all angles are zero,
-with their springs and the stiffness of their limits.
+"""Joints and links of a MuJoCo model, as a chain whose frames are all parallel where all angles are
+zero, with their springs and the stiffness of their limits; the lengths and moment arms of its
+tendons at poses, and the polynomial of lowest degree in the joints' angles that gives a length;
+and values for what a model does not say.
 
 A `length_unit` is the number of metres in a model's unit of length. Masses are in kilograms and
 times in seconds, so that a unit of force is so many newtons and one of torque, length_unit², so

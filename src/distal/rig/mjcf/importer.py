@@ -1,6 +1,5 @@
-"""A rig from a MuJoCo model.
-
-Tendons that pull, with their drives and sensors; equalities of the model as couplings of joints.
+"""A rig from a MuJoCo model: tendons that pull, with their drives and sensors, and equalities of
+the model as couplings of joints.
 
 An actuator pulls the tendons that become the rig's; its joints turn, are asked for, and driven
 tendons move them.
