@@ -30,7 +30,7 @@ from distal import LiveEstimator, Log, Rig, fit
 from distal.errors import DistalError
 from distal.estimators import make_estimator
 from distal.rig import Imported, Tendon, from_mujoco
-from distal.rig.mjcf.bodies import at_poses, over_ranges, tendon_slopes
+from distal.rig.mjcf_bodies import at_poses, over_ranges, tendon_slopes
 
 Floats = NDArray[np.float64]
 

@@ -31,7 +31,8 @@ from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators import ESTIMATORS, usual_estimator
 from distal.expressions import Vector
 from distal.inverse import Feedback, LiveInverse
-from distal.inverse.feedforward import REMEMBERED, feedback_torques, solved
+from distal.inverse.feedforward import solved
+from distal.inverse.live_inverse import REMEMBERED, feedback_torques
 from distal.kernels import Evaluation, Feed, Layout, advance
 from distal.logs import Log
 from distal.model import Mechanism

@@ -20,7 +20,7 @@ from distal.simulation import load_scenario
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[mujoco]'")
 
 from distal.bridges.mujoco import Tendons, to_mjcf  # noqa: E402
-from distal.rig.mjcf.bodies import stiffness_at_rest  # noqa: E402
+from distal.rig.mjcf_bodies import stiffness_at_rest  # noqa: E402
 from tests.support.mujoco_fingers import own_finger  # noqa: E402
 from tests.support.mujoco_replay import Motion, replayed, rms, stranger  # noqa: E402
 

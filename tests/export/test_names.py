@@ -15,8 +15,7 @@ from distal import load_rig
 from distal.codegen import Plain
 from distal.errors import Content, ExportError, OutputError
 from distal.export import c_name, export_c
-from distal.export.c_source import checked_name, filled
-from distal.export.fmu import export_files
+from distal.export.c_source import checked_name, export_files, filled
 from distal.logs import output_files
 
 COMPILERS = [name for name in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(name)]

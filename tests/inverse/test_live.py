@@ -16,8 +16,7 @@ from distal import Inverse, LiveInverse, load_rig
 from distal.errors import CommandError
 from distal.inverse import Command, Feedback
 from distal.inverse.command_trajectory import followable, sent
-from distal.inverse.feedforward import LEAVES
-from distal.inverse.live_inverse import ACROSS, RESPONDS, SMOOTHED, guide_function, readings
+from distal.inverse.live_inverse import ACROSS, LEAVES, RESPONDS, SMOOTHED, guide_function, readings
 from tests.learned_maps import constant_map
 from tests.support.commands import driven, hunts, inextensible, live_law, run
 from tests.support.servo_plants import PERIOD, Ropes

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from distal import Inverse, LiveInverse, Log, Rig, load_rig, read_log
+from distal.from_logs.drive_and_tendon_sizes import servos_of
 from distal.logs import write_log
-from distal.regression import servos_of
 
 STIFFNESS, DEAD_BAND = 1.7, 0.006
 

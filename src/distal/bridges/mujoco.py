@@ -15,7 +15,7 @@ from distal.fitting.fit import plain_value
 from distal.kernels import kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Rig, as_rig
-from distal.rig.mjcf.bodies import EMBEDDED
+from distal.rig.mjcf_bodies import EMBEDDED
 from distal.simulation.plant import (
     hysteretic,
     inside_function,

@@ -264,7 +264,7 @@ def to_mjcf_command(
     """Write a rig as a MuJoCo model."""
     from distal.logs import write_whole
     from distal.rig import load_rig
-    from distal.rig.mjcf.bodies import mujoco_module
+    from distal.rig.mjcf_bodies import mujoco_module
     from distal.study.design_space import built_values, draws_of, scores
 
     mujoco_module()

@@ -9,8 +9,15 @@ In: a rig and an estimator; out: C99 without malloc, which steps (kernel_state, 
     print(made.name, made.state_bytes)
 """
 
-from distal.export.c_source import Exported, c_filter, c_name
-from distal.export.fmu import Fmu, check_ours, export_c, export_files, export_fmu
+from distal.export.c_source import (
+    Exported,
+    c_filter,
+    c_name,
+    check_ours,
+    export_c,
+    export_files,
+)
+from distal.export.fmu import Fmu, export_fmu
 
 __all__ = [
     "Exported",

@@ -7,6 +7,10 @@ Friction f, damping b and inertia I between a drive's effort and the joints that
 
 over all logs while the drive moves, both sides smoothed alike. The tendons' pull is by how far
 they are stretched, α and β.
+
+Where logs hold the setpoints of servos, stiffness K and dead band δ follow too (`servos_of`): a
+servo with a lag T stands at the position s for which  u − s = F/K + δ d + T ds/dt,  with its
+setpoint u, its force F and its last direction of motion d, from −1 to 1.
 """
 
 from __future__ import annotations
@@ -41,7 +45,10 @@ from distal.from_logs.which_drive_moves_what import (
     drive_structure,
     with_joint,
 )
+from distal.logs import Log
 from distal.model.tendon_tensions import STEEPEST
+from distal.regression.posterior import played
+from distal.rig import Capstan, Rig, Slider
 from distal.rig.hand_tables import ASSUMED
 from distal.rig.plausibility import USUAL
 from distal.units import to_si
@@ -584,3 +591,84 @@ def drive_in_words(drive: FoundDrive, joints: Joints) -> str:
         f"{drive.name} moves {', '.join(parts)} by {kind}; this explains "
         f"{100 * structure.explained:.2f} % of its motion"
     )
+
+
+REVERSAL = 3.0
+"""Distance after which a drive has changed its direction, in standard deviations of its sensor's
+random error. Source: judgement.
+"""
+
+TRIMMED = 3.0
+"""Residual beyond which a sample is an outlier and is left out, in robust standard deviations.
+Source: judgement.
+"""
+
+LEAST_RATIO = 3.0
+"""Ratio of an estimate to its standard error, above which it is written. Source: judgement."""
+
+INDEPENDENT_TIME = 0.25
+"""Time after which residuals count as independent [s]. Source: judgement."""
+
+FEWEST_OF_DRIVE = 100
+"""Least number of samples of a drive for an estimate. Source: judgement."""
+
+
+def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
+    """Return path by names → value of the servos whose setpoints are in the logs: stiffness [N
+    m/rad of a capstan, N/m of a slider] and dead band [rad, m].
+
+    A value is left out where it is not clearly above zero.
+    """
+    servos: dict[str, object] = {}
+    for drive in rig.drives:
+        parts = [part for log in logs if (part := _servo_rows(log, rig, drive)) is not None]
+        if not parts:
+            continue
+        matrix, left = (np.concatenate(each) for each in zip(*((m, y) for m, y, _ in parts)))
+        count = sum(seconds for _, _, seconds in parts) / INDEPENDENT_TIME
+        if len(left) < FEWEST_OF_DRIVE:
+            continue
+        values, errors = _trimmed(matrix, left, count)
+        path = f"drives.{drive.name}.servo"
+        if values[0] > LEAST_RATIO * errors[0]:
+            servos[f"{path}.stiffness"] = float(f"{1.0 / values[0]:.6g}")
+        if values[1] > LEAST_RATIO * errors[1]:
+            servos[f"{path}.dead_band"] = float(f"{values[1]:.6g}")
+    return servos
+
+
+def _servo_rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, float] | None:
+    """Return the columns F, d and ds/dt of a drive, (k, 3), its errors u − s, (k,), and the length
+    of the log [s]; None where the log lacks setpoint, position or force.
+    """
+    sensors = {s.measures: s for s in rig.sensors if s.of == drive.name}
+    if drive.name not in log.goals or not {"position", "force"} <= set(sensors):
+        return None
+    position, force = (log.channels.get(sensors[kind].name) for kind in ("position", "force"))
+    if position is None or force is None:
+        return None
+    goal = log.goals[drive.name]
+    half = max(REVERSAL * sensors["position"].noise, 1e-9)
+    is_read = np.isfinite(position)
+    way = np.full(len(log), np.nan)  # the last direction of motion, −1 to 1
+    way[is_read] = (position[is_read] - played(position[is_read], half)) / half
+    matrix = np.column_stack([force, way, np.gradient(position, log.time)])
+    left = goal - position
+    known = np.isfinite(matrix).all(axis=1) & np.isfinite(left)
+    return matrix[known], left[known], float(np.ptp(log.time)) * float(known.mean())
+
+
+def _trimmed(matrix: Floats, left: Floats, count: float) -> tuple[Floats, Floats]:
+    """Return coefficients by least squares without outliers, and their standard errors if `count`
+    samples are independent.
+    """
+    kept = np.ones(len(left), dtype=bool)
+    values = np.zeros(matrix.shape[1])
+    for _ in range(3):
+        values[:] = np.linalg.lstsq(matrix[kept], left[kept], rcond=None)[0]
+        rest = left - matrix @ values
+        spread = 1.48 * float(np.median(np.abs(rest[kept]))) + 1e-12
+        kept = np.abs(rest) <= TRIMMED * spread
+    information = matrix[kept].T @ matrix[kept] * min(count / len(left), 1.0)
+    inverse = np.linalg.pinv(information)
+    return values, spread * np.sqrt(np.maximum(np.diagonal(inverse), 0.0))

@@ -29,6 +29,7 @@ from distal.fitting.fit import MARK, write_fitted
 from distal.fitting.likelihood import Problem
 from distal.fitting.parameter_search import most_likely, problem_of, search, searched
 from distal.fitting.parameters_and_priors import assignments
+from distal.from_logs.drive_and_tendon_sizes import servos_of
 from distal.hands.power_on_routine import (
     FEWEST_SWEEPS,
     STRONGEST,
@@ -42,7 +43,6 @@ from distal.hands.power_on_routine import (
     winds_to,
 )
 from distal.logs import Log, Source, read_log
-from distal.regression import servos_of
 from distal.rig import Capstan, Rig, Sensor, Subsystem, as_rig, check_scales, independent_parts
 from distal.rig.hand_tables import ASSUMED
 from distal.rig.plausibility import KNOWN

@@ -13,7 +13,6 @@ from stretch and play.
 """
 
 from distal.inverse.command_trajectory import Commands, Inverse
-from distal.inverse.feedforward import Feedback
-from distal.inverse.live_inverse import Command, LiveInverse
+from distal.inverse.live_inverse import Command, Feedback, LiveInverse
 
 __all__ = ["Command", "Commands", "Feedback", "Inverse", "LiveInverse"]

@@ -12,10 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from distal.errors import Content, LogError, OutputError, UnitError
-from distal.units import to_si
+from distal.errors import Content, OutputError
 
 
 @dataclass(frozen=True)
@@ -193,53 +190,3 @@ def as_output_error(path: Path) -> Iterator[None]:
         raise OutputError(
             f"{shown(path)}: cannot be written ({problem}); give another name"
         ) from None
-
-
-MOST_MEMORY = "2 GB"
-"""Memory that reading a log may take, unless the user sets another limit. Source:
-judgement.
-"""
-
-COPIES = 3
-"""Copies of what is read that are in memory while it is turned into numbers. Source: benchmark
-(benchmarks/csv_readers).
-"""
-
-MEMORY_VARIABLE = "DISTAL_MAX_MEMORY"
-"""Name of the environment variable that sets another limit; processes hand it on to those they
-start.
-"""
-
-
-def memory_limit() -> int:
-    """Return the memory that reading one log may take [bytes]: $DISTAL_MAX_MEMORY where it is set,
-    such as ``8 GB``, else `MOST_MEMORY`.
-
-    Raises:
-        LogError: $DISTAL_MAX_MEMORY holds no size.
-    """
-    try:
-        return int(to_si(os.environ.get(MEMORY_VARIABLE) or MOST_MEMORY, "byte"))
-    except UnitError as problem:
-        raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
-
-
-def check_rows(path: Path, rows: int, columns: int) -> None:
-    """Raise a `LogError` where a table takes more memory than is allowed."""
-    size = COPIES * rows * columns * np.dtype(np.float64).itemsize
-    check_memory(path, size, f"has {rows:,} rows of {columns} columns or more")
-
-
-def check_memory(path: Path, needed: float, why: str) -> None:
-    """Raise a `LogError` where reading a log needs more memory than is allowed.
-
-    Args:
-        needed: memory that reading takes [bytes].
-        why: first words of the message, which say what takes this memory.
-    """
-    if needed > memory_limit():
-        raise LogError(
-            f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; "
-            f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more "
-            f"with {MEMORY_VARIABLE}=16GB distal …"
-        )

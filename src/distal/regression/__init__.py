@@ -40,7 +40,6 @@ from distal.regression.least_squares import (
     folds_of,
     groups_of,
     line_errors,
-    servos_of,
     splits,
     yardstick_error,
 )
@@ -98,7 +97,6 @@ __all__ = [
     "played",
     "rates_of",
     "reporting_function",
-    "servos_of",
     "shape_for",
     "splits",
     "variance_beside",

@@ -52,7 +52,7 @@ from distal.rig.learned import (
     arrays_file,
     as_table,
 )
-from distal.rig.mjcf.importer import from_mujoco
+from distal.rig.mjcf_importer import from_mujoco
 from distal.rig.plausibility import (
     FAR,
     Number,

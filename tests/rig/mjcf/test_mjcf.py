@@ -19,7 +19,7 @@ from distal.rig import (
     from_mujoco,
     parse_toml,
 )
-from distal.rig.mjcf.bodies import _as_spring, _fitted, carried_by, fit_excursion, parent_of
+from distal.rig.mjcf_bodies import _as_spring, _fitted, carried_by, fit_excursion, parent_of
 from tests.helpers import finite_difference
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
@@ -387,7 +387,7 @@ def test_a_tendon_over_many_joints_has_a_polynomial_of_few_terms() -> None:
 def test_more_joints_than_a_rig_has_are_refused_before_the_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("distal.rig.mjcf.importer.fit_excursion", None)
+    monkeypatch.setattr("distal.rig.mjcf_importer.fit_excursion", None)
     with pytest.raises(RigError, match=r"turn 49 joints, up to 32 are supported; choose some"):
         from_mujoco(chain_of(49))
 

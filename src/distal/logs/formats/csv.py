@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.output_files import COPIES, check_memory, check_rows, memory_limit
+from distal.logs.memory_limit import COPIES, check_memory, check_rows, memory_limit
 from distal.logs.stamps import is_time
 from distal.logs.table_cells import MISSING, Cells, Column, compact, header, needed, say
 

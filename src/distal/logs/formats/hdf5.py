@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.output_files import COPIES, check_memory
+from distal.logs.memory_limit import COPIES, check_memory
 from distal.logs.table_cells import WIDEST_VECTOR, Cells, Column, needed
 
 

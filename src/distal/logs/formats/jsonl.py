@@ -8,7 +8,7 @@ from pathlib import Path
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.output_files import COPIES, check_memory
+from distal.logs.memory_limit import COPIES, check_memory
 from distal.logs.table_cells import Cells, compact, needed
 
 

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.output_files import memory_limit
+from distal.logs.memory_limit import memory_limit
 from distal.logs.table_cells import say
 
 MAGIC = b"\x89MCAP0\r\n"

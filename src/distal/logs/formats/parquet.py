@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.output_files import check_rows
+from distal.logs.memory_limit import check_rows
 from distal.logs.table_cells import (
     WIDEST_VECTOR,
     Cells,

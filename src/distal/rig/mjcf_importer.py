@@ -17,7 +17,7 @@ from numpy.polynomial import Legendre, Polynomial
 
 from distal.errors import RigError, did_you_mean
 from distal.rig.files import Imported, build_rig, name_of, parse_toml
-from distal.rig.mjcf.bodies import (
+from distal.rig.mjcf_bodies import (
     ASSUMED,
     CROSSED,
     EMBEDDED,
