@@ -111,7 +111,6 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.motor_faults
 	$(BIN)/python -m benchmarks.servos
 	$(BIN)/python -m benchmarks.out_of_reach
-	$(BIN)/python -m benchmarks.hand_page
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
 	$(BIN)/python -m benchmarks.fit_command named
 	$(BIN)/python -m benchmarks.from_logs structure
@@ -130,8 +129,6 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers.rough
 	$(BIN)/python -m benchmarks.commands --fit
 	$(BIN)/python -m benchmarks.control
-	$(BIN)/python -m benchmarks.derivatives
-	$(BIN)/python -m benchmarks.parts
 	$(BIN)/python -m benchmarks.sheaths
 
 results: $(STAMP)
@@ -141,13 +138,10 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.touch
 	$(BIN)/python -m benchmarks.false_touches
 	$(BIN)/python -m benchmarks.exports
-	$(BIN)/python -m benchmarks.false_alarms
 	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.ablation
 	$(BIN)/python -m benchmarks.hysteresis
 	$(BIN)/python -m benchmarks.imported_models
-	$(BIN)/python -m benchmarks.lab
-	$(BIN)/python -m benchmarks.robot_datasets
 	$(BIN)/python -m benchmarks.paper_search
 	$(BIN)/python -m benchmarks.models
 	$(BIN)/python -m benchmarks.mujoco_tendons
@@ -155,10 +149,8 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.silent
 	$(BIN)/python -m benchmarks.wrong_inputs
 	$(BIN)/python -m benchmarks.bad_seconds
-	$(BIN)/python -m benchmarks.redundancy
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
-	$(BIN)/python -m benchmarks.long_log
 	$(BIN)/python -m benchmarks.odd_logs
 	$(BIN)/python -m benchmarks.study
 	$(BIN)/python -m benchmarks.batch_estimator
