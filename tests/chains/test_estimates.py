@@ -4,8 +4,6 @@ homing, fits, C.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from distal import (
     Rig,
     at_known_angle,
     estimate,
-    fit,
     load_rig,
     load_scenario,
     simulate,
@@ -45,42 +42,19 @@ def rms(result: object) -> np.ndarray:
     return np.sqrt(np.nanmean(errors**2, axis=0))
 
 
-@pytest.mark.parametrize("name", ["adaptive", "elastic", "inextensible"])
-def test_every_estimator_estimates_every_joint(name: str, rig: Rig, log: Log) -> None:
-    result = estimate(log, rig, name)
-    assert result.joint_names == ("mcp", "pip")
-    assert result.state_names[:2] == ("theta_mcp", "theta_pip")
-    bounds = {"adaptive": 0.8, "elastic": 3.0, "inextensible": 6.0}
-    assert rms(result).max() < bounds[name]
-
-
-def test_adaptive_is_better_than_tendons_alone_and_its_band_holds(rig: Rig, log: Log) -> None:
-    found = estimate(log, rig)
-    assert rms(found).mean() < 0.35 * rms(estimate(log, rig, "inextensible")).mean()
-    assert found.inside_band() > 0.9
-    assert found.unseen is None
-
-
-@pytest.mark.more
-@pytest.mark.slow
-def test_a_fit_of_logs_in_which_one_joint_has_an_encoder(rig: Rig) -> None:
-    """The friction of both joints is off by 30 %; mcp alone is known: no narrow band comes of
-    it.
-    """
-    plant = {"joints.*.friction.coefficient": 0.26}
-    scenario = load_scenario("finger", ['duration="4 s"']).model_copy(update={"plant": plant})
-    logs = [simulate(rig, scenario, seed=seed) for seed in (1, 2)]
-    known = [replace(log, truth={"theta_mcp": log.truth["theta_mcp"]}) for log in logs]
-    free = ["joints.mcp.friction.coefficient", "joints.pip.friction.coefficient"]
-    found = fit(known, rig, free=free)
-    assert not found.maps
-    assert any("the angle of pip is known in no log" in doubt for doubt in found.doubts)
-    fitted = [
-        joint.friction.coefficient for joint in found.rig.joints if joint.friction is not None
-    ]
-    assert abs(fitted[0].value - 0.26) < 0.03
-    test = simulate(rig, scenario, seed=9)
-    assert estimate(test, found.rig).inside_band() > 0.9
+def test_every_estimator_estimates_every_joint(rig: Rig, log: Log) -> None:
+    """`adaptive` is better than tendons alone, and its band holds."""
+    errors = {}
+    for name, most in {"adaptive": 0.8, "elastic": 3.0, "inextensible": 6.0}.items():
+        result = estimate(log, rig, name)
+        assert result.joint_names == ("mcp", "pip")
+        assert result.state_names[:2] == ("theta_mcp", "theta_pip")
+        errors[name] = rms(result)
+        assert errors[name].max() < most
+        if name == "adaptive":
+            assert result.inside_band() > 0.9
+            assert result.unseen is None
+    assert errors["adaptive"].mean() < 0.35 * errors["inextensible"].mean()
 
 
 def test_what_is_not_seen_is_named() -> None:
@@ -121,14 +95,15 @@ def test_the_band_opens_where_nothing_is_seen() -> None:
 
 def test_elastic_finds_the_posture_of_springs() -> None:
     """One flexor, no friction: where the tendon's torque and the springs balance, θ_j = θ_rest +
-    r_j T/k_j.
+    r_j T/k_j; its stretch is (T − T_pre)/k.
     """
     raw = load_rig("finger-underactuated").model_dump()
     raw["base"] = {"gravity": (0.0, 0.0, 0.0)}
+    raw["tendons"][0]["pretension"] = 4.0
     finger = build_rig(raw, "no weight")
     tension, arms, stiffness = 6.0, np.array([9, 7, 5]) * 1e-3, np.array([0.15, 0.12, 0.1])
     angles = np.deg2rad(-10) + arms * tension / stiffness
-    motor = (arms @ angles + tension / 8000.0) / 6e-3
+    motor = (arms @ angles + (tension - 4.0) / 8000.0) / 6e-3
     n = 100
     log = Log(
         0.005 * np.arange(n),
@@ -156,12 +131,9 @@ def test_least_squares_over_tendons_is_exact_where_they_agree() -> None:
     np.testing.assert_allclose(result.angle_stds[-1], expected, rtol=1e-3)
 
 
-def test_a_star_stands_for_all() -> None:
-    finger = load_rig("finger-2n")
-    wider = finger.with_values({"tendons.*.crossings.*.radius.std": "3 %"})
-    assert wider.tendons[2].crossings[1].radius.std == pytest.approx(0.18e-3)  # type: ignore[union-attr]
+def test_a_star_stands_for_a_list(rig: Rig) -> None:
     with pytest.raises(RigError, match=r"'name' is no list with items that '\*' could stand for"):
-        finger.with_values({"name.*.x": 1.0})
+        rig.with_values({"name.*.x": 1.0})
 
 
 def test_homing_at_one_joint_of_a_log_that_knows_all(rig: Rig, log: Log) -> None:

@@ -174,7 +174,7 @@ def test_a_band_of_many_turns_is_no_noise(data: Path) -> None:
 def test_why_a_run_left_all_bounds_is_said() -> None:
     """Millimetres for metres, by the truth; a sign, without one."""
     finger = load_rig("finger-2n")
-    seen = simulate(finger, load_scenario("finger", ['duration="3 s"']), 5)
+    seen = simulate(finger, load_scenario("finger", ['duration="2 s"']), 5)
     found = why_diverged(scaled(seen, x_mcp_f=1000.0), finger)
     assert [each.text for each in found] == ["x_mcp_f looks like millimetres"]
     blind = replace(scaled(seen, F_mcp_f=1000.0), truth={})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -23,8 +22,6 @@ from distal.diagnosis.innovation_tests import (
 )
 from distal.errors import EstimationError
 from distal.estimators import StateKind
-from tests.helpers import changed
-from tests.support.cases import paper_log, paper_rig
 
 
 def made(
@@ -32,20 +29,23 @@ def made(
     end: float = 1.0,
     std: float = 0.01,
     friction: float = 0.0,
+    turn: float = 0.0,
     priors: bool = True,
 ) -> Estimate:
     """Return a constructed estimate: an angle, a factor with prior 1 ± 0.1 that is `end` ± `std`, a
-    friction; white innovations of variance 1 are the reference.
+    friction; white innovations of variance 1 are the reference. The angle turns by `turn` [°].
     """
     k = 1000
     variances = np.tile([1e-4, std**2, 1e-4], (k, 1))
     variances[0, 2] = 1.0
+    means = np.tile([0.0, end, friction], (k, 1))
+    means[:, 0] = np.deg2rad(turn) * np.linspace(-0.5, 0.5, k)
     return Estimate(
         "adaptive",
         "made",
         np.arange(k) / 100.0,
         ("theta", "factor", "friction_left"),
-        np.tile([0.0, end, friction], (k, 1)),
+        means,
         variances,
         ("u1", "u2"),
         np.random.default_rng(3).normal(size=(k, 2)) if innovations is None else innovations,
@@ -58,40 +58,53 @@ def made(
     )
 
 
-def test_white_innovations_are_consistent_and_say_what_was_tested() -> None:
-    found = diagnose(made())
-    assert found.tested == ("u1", "u2")
-    assert found.text.startswith("consistent: u1, u2 agree with the rig")
-
-
 @pytest.mark.parametrize(
-    ("change", "kinds"),
+    ("change", "kinds", "said"),
     [
-        ({}, []),
+        ({}, [], "consistent: u1, u2 agree with the rig, 100 % compared"),
         # a stiffness of 0.065 of itself was called consistent
-        ({"end": 0.065, "std": 0.0006}, ["left its prior"]),
-        ({"end": 1.29}, []),
-        ({"end": 1.32}, ["left its prior"]),
+        (
+            {"end": 0.065, "std": 0.0006},
+            ["left its prior"],
+            "factor is 0.065 ± 0.0006, its prior 1 ± 0.1",
+        ),
+        ({"end": 1.29}, [], "consistent"),
+        ({"end": 1.32}, ["left its prior"], "factor is 1.32"),
         # its own doubt is taken off: it may well be inside three standard deviations
-        ({"end": 1.32, "std": 0.05}, []),
-        ({"end": 0.065, "priors": False}, []),
-        ({"friction": 0.6}, ["friction"]),
+        ({"end": 1.32, "std": 0.05}, [], "consistent"),
+        ({"end": 0.065, "priors": False}, [], "consistent"),
+        ({"friction": 0.6}, ["friction"], "friction that the rig does not have: 0.6 at 'left'"),
+        ({"turn": 250.0}, [], "consistent"),
+        ({"turn": 290.0}, ["cannot be there"], "covers 290°, which no joint does"),
     ],
 )
-def test_what_left_its_prior_and_friction_contradict(
-    change: dict[str, float], kinds: list[str]
-) -> None:
+def test_states_contradict(change: dict[str, float], kinds: list[str], said: str) -> None:
+    """What left its prior, friction, and a gear that was forgotten, which turns the joint round and
+    round.
+    """
     found = diagnose(made(**change))
     assert [one.kind for one in found.findings] == kinds
     assert found.consistent is (kinds == [])
-    assert not found.untested
+    assert found.tested == ("u1", "u2")
+    assert said in found.text
 
 
-def test_a_state_far_from_its_prior_is_said_with_both() -> None:
-    found = diagnose(made(end=0.065, std=0.0006))
-    assert found.findings[0].subject == "factor"
-    assert "0.065 ± 0.0006" in found.text
-    assert "1 ± 0.1" in found.text
+@pytest.mark.parametrize(
+    ("missing", "said"),
+    [
+        (1.0, "not tested"),
+        (0.6, "only 40 % of u2 could be compared"),
+        (0.4, "consistent: u1, u2 agree with the rig, 60 % compared"),
+    ],
+)
+def test_what_is_not_compared_is_said(missing: float, said: str) -> None:
+    """By the channel that is compared least."""
+    values = np.random.default_rng(3).normal(size=(1000, 2))
+    values[: round(1000 * missing), int(missing < 1.0) :] = np.nan
+    found = diagnose(made(values))
+    assert said in found.text
+    assert found.untested is (missing == 1.0)
+    assert found.consistent is (missing < 1.0)
 
 
 def test_innovations_too_small_test_nothing() -> None:
@@ -111,13 +124,6 @@ def test_innovations_too_small_test_nothing() -> None:
     assert "not tested by u2" in one.text
     # the mean of 900 squares errs by 5 %, not by half
     assert diagnose(made(np.sqrt(2 * SMALL) * values)).consistent
-
-
-def test_nothing_compared_is_not_consistent() -> None:
-    found = diagnose(made(np.full((1000, 2), np.nan)))
-    assert not found.consistent
-    assert found.untested
-    assert found.text.startswith("not tested")
 
 
 @pytest.mark.parametrize(("weight", "white"), [(0.2, True), (0.5, False)])
@@ -155,59 +161,16 @@ def test_the_line_stays_one_line() -> None:
     assert "more" in text
 
 
-def test_which_sensor_disagrees_and_from_when_on(rig: Rig, log: Log) -> None:
-    assert diagnose(estimate(log, rig)).consistent
-    drift = np.where(log.time > 6.0, 4.0 * np.minimum(log.time - 6.0, 1.0), 0.0)
-    text = diagnose(estimate(changed(log, u2=log.channels["u2"] + drift), rig)).text
-    assert text.startswith("sensor u2 disagrees from ")
-    assert 6.0 <= float(text.split("from ")[1].split(" s")[0]) <= 8.0
-    rng = np.random.default_rng(1)
-    noise = {name: log.channels[name] + rng.normal(0, 0.9, len(log)) for name in ("u1", "u2")}
-    noisy = changed(log, **noise)
-    assert "larger than normal" in diagnose(estimate(noisy, rig)).text
-    assert "not checked" in diagnose(estimate(log, rig, "elastic")).text
-
-
-def test_undeclared_friction_is_named() -> None:
-    plant = "slider friction 1 N"
-    text = diagnose(estimate(paper_log("servo", plant, 0), paper_rig(plant))).text
-    assert "friction that the rig does not have" in text
-    assert "'left'" in text
-
-
-def test_what_is_not_compared_is_said(rig: Rig, log: Log) -> None:
-    """A window of the stops that is far too small: forces count for nothing, and that is
-    said.
-    """
-    narrow = rig.with_values({f"drives.{i}.stops": [0.0, 0.002] for i in range(2)})
-    result = estimate(log, narrow)
-    assert np.mean(np.isfinite(result.innovations)) < 0.5
-    assert "could be compared" in diagnose(result).text
-    assert "could be compared" not in diagnose(estimate(log, rig)).text
-
-
-def test_an_angle_that_no_joint_has(rig: Rig, log: Log) -> None:
-    """A gear that was forgotten turns the joint round and round."""
-    result = estimate(log, rig)
-    means = result.means.copy()
-    for factor, kinds in ((250.0, []), (290.0, ["cannot be there"])):
-        means[:, 0] = np.deg2rad(factor) * np.linspace(-0.5, 0.5, len(means))
-        found = diagnose(replace(result, means=means))
-        assert [one.kind for one in found.findings if one.kind == "cannot be there"] == kinds
-    assert "covers 290°, which no joint does" in found.text
-
-
 def test_priors_are_those_of_the_rig(rig: Rig, log: Log) -> None:
     result = estimate(log, rig)
     priors = dict(zip(result.state_names, zip(result.prior_means, result.prior_stds)))
     assert priors["common factor of tendons.stiffness"] == pytest.approx((1.0, 0.1))
     assert np.isnan([priors[name][1] for name in ("theta", "friction_left")]).all()
-    assert estimate(log, rig, "elastic").prior_means is None
-
-
-def test_log_and_rig_come_together(rig: Rig, log: Log) -> None:
     with pytest.raises(EstimationError, match="both the log and the rig"):
-        diagnose(estimate(log, rig), log)
+        diagnose(result, log)
+    without = estimate(log, rig, "elastic")
+    assert without.prior_means is None
+    assert "not checked" in diagnose(without).text
 
 
 QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)])[
@@ -246,9 +209,12 @@ def test_a_ratio_is_judged_by_how_many_values_it_is_a_mean_of() -> None:
     values = rng.normal(size=(10000, 2))
     values *= np.sqrt(1.82 / np.mean(values[50:] ** 2, axis=0))
     time = np.arange(10000) / 100.0
-    for count, kinds in ((10000, ["too large"]), (100, [])):
+    for count, texts in (
+        (10000, ["u1, u2 disagree with the rig: innovations 1.3× larger than normal"]),
+        (100, []),
+    ):
         found = statistics_of(("u1", "u2"), values[:count], time[:count], is_taught=False)
-        assert [one.kind for one in found.disagreeing()] == kinds
+        assert [one.text for one in found.disagreeing()] == texts
 
 
 def test_innovations_of_a_rig_that_logs_taught_say_nothing() -> None:
@@ -276,9 +242,3 @@ def test_the_correlation_of_neighbours() -> None:
         gaps = np.full(60, np.nan)
         gaps[3 : 3 + count] = np.linspace(5.0, 5.001, count)
         assert _neighbours(gaps) == pytest.approx(expected, abs=1e-3)
-
-
-def test_the_share_that_is_said_is_that_of_the_channel_that_is_compared_least() -> None:
-    values = np.random.default_rng(3).normal(size=(1000, 2))
-    values[:400, 1] = np.nan
-    assert "u1, u2 agree with the rig, 60 % compared" in diagnose(made(values)).text

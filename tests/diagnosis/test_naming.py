@@ -14,7 +14,6 @@ from distal import (
     Rig,
     diagnose,
     estimate,
-    fit,
     load_rig,
     load_scenario,
     read_log,
@@ -149,13 +148,6 @@ def finger_log() -> Log:
     return simulate(load_rig("finger-2n"), load_scenario("finger", ['duration="6 s"']), 5)
 
 
-def test_two_columns_of_a_kind(finger_log: Log) -> None:
-    flexor, extensor = (finger_log.channels[name] for name in ("x_mcp_f", "x_pip_f"))
-    wrong = changed(finger_log, x_mcp_f=extensor, x_pip_f=flexor)
-    found = looks(said(wrong, load_rig("finger-2n")))
-    assert found[0].text == "x_mcp_f and x_pip_f look swapped"
-
-
 @pytest.mark.parametrize("gear", [20.0, 45.0])
 def test_a_gear_is_named_with_its_ratio(joint: Rig, log: Log, gear: float) -> None:
     """The log was written with 30:1; a right motor is off by up to 3 % by stretch."""
@@ -189,24 +181,6 @@ def test_nothing_is_said_of_a_right_log(joint: Rig, log: Log) -> None:
     assert not any(each.contradicts for each in said(log, joint).findings)
 
 
-@pytest.mark.slow
-@pytest.mark.more
-def test_a_rig_that_was_fitted_to_its_own_logs_is_not_accused(
-    data: Path, joint: Rig, tmp_path: Path
-) -> None:
-    """It was said of such rigs that an error inside the band has a cause, that a gear is 1.1, and
-    that innovations are 28 times too large.
-    """
-    assert data
-    logs = [read_log(log_of("joint", seed, tmp_path), joint) for seed in (1, 2, 3)]
-    rig = fit(logs, joint).rig
-    for log in logs:
-        found = said(log, rig)
-        assert not any(each.contradicts for each in found.findings)
-        assert looks(found) == []
-        assert "errs by" not in found.text
-
-
 def test_a_friction_is_named(finger_log: Log) -> None:
     """Three times what the plant has; its size is that of a kink, to half."""
     rig = load_rig("finger-2n")
@@ -218,8 +192,9 @@ def test_a_friction_is_named(finger_log: Log) -> None:
 
 
 def test_two_things_that_are_wrong_are_both_named(finger_log: Log) -> None:
-    wrong = {name: 1.5 * finger_log.channels[name] for name in ("x_mcp_f", "x_pip_e")}
-    found = looks(said(changed(finger_log, **wrong), load_rig("finger-2n")))
+    log = finger_log.select(slice(0, 800))
+    wrong = {name: 1.5 * log.channels[name] for name in ("x_mcp_f", "x_pip_e")}
+    found = looks(said(changed(log, **wrong), load_rig("finger-2n")))
     assert {each.subject for each in found} == {"x_mcp_f", "x_pip_e"}
 
 
@@ -246,22 +221,17 @@ def test_arms_that_no_force_shows_cannot_be_felt() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "factor", "words"),
+    ("name", "sensor", "factor", "words"),
     [
-        ("paper-2008", 1 / 4.448, "like pounds"),
-        ("paper-2008", 4.448, "like newtons that are read as pounds"),
-        ("capstan-joint", 1000.0, "like N mm"),
+        ("paper-2008", "u1", 1 / 4.448, "pounds"),
+        ("paper-2008", "u1", 4.448, "newtons that are read as pounds"),
+        ("capstan-joint", "motor_torque", 1000.0, "N mm"),
+        ("capstan-joint", "motor_angle", 180 / np.pi, "degrees"),
     ],
 )
-def test_units_of_forces_are_named(name: str, factor: float, words: str) -> None:
+def test_units_are_named(name: str, sensor: str, factor: float, words: str) -> None:
     rig = load_rig(name)
-    sensor = rig.sensors_of("force")[0]
-    cause = Cause("scale", sensor.name, (sensor.name,), unit=sensor.si)
+    unit = rig.sensors[rig.sensor_names.index(sensor)].si
+    cause = Cause("scale", sensor, (sensor,), unit=unit)
     finding = named_cause("looks like", rig, cause, 1.0 / factor - 1.0)
-    assert finding.text == f"{sensor.name} looks {words}"
-
-
-def test_degrees_are_named() -> None:
-    cause = Cause("scale", "motor_angle", ("motor_angle",), unit="rad")
-    finding = named_cause("looks like", load_rig("capstan-joint"), cause, np.pi / 180 - 1.0)
-    assert finding.text == "motor_angle looks like degrees"
+    assert finding.text == f"{sensor} looks like {words}"

@@ -60,8 +60,7 @@ def test_the_rigs_own_std_is_part_of_the_variance() -> None:
     assert wide.estimates[0] == pytest.approx(5.0, abs=4.0 * wide.standard_errors[0])
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.9, 0.99])
-@pytest.mark.parametrize("std", [0.0, 2.0])
+@pytest.mark.parametrize(("rho", "std"), [(0.99, 0.0), (0.9, 2.0)])
 def test_its_size_is_the_level_whatever_the_correlation(rho: float, std: float) -> None:
     """Causes drawn from the rig's stds are significant in LEVEL of all logs. The limit is exceeded
     with a chance of 1e-6 if that is so; a test that takes samples as independent has 20 % at ρ =
@@ -115,7 +114,7 @@ def test_span_sums_are_those_typed_out() -> None:
         np.testing.assert_allclose(sums, np.bincount(spans, column))
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("rho", [0.0, 0.9])
 def test_how_many_values_are_independent(rho: float) -> None:
     """Of n values with correlation ρ it is n (1 − ρ)/(1 + ρ) (Bartlett); at least as many as spans.
 

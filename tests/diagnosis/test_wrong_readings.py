@@ -18,8 +18,8 @@ from tests.support.pushed_finger import finger, finger_rig
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     bare = finger_rig().bare()
-    logs = [finger(seed, 12.0, None)[0] for seed in range(4)]
-    return bare.with_map(efforts=efforts_of(logs, bare, range(4)))
+    logs = [finger(seed, 12.0, None)[0] for seed in range(3)]
+    return bare.with_map(efforts=efforts_of(logs, bare, range(3)))
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +37,11 @@ def first(log: Log, rig: Rig) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
+        ("swap", "look swapped"),
+        ("unit", "look 1000 times too small"),
         ("zero", "off: its zero"),
         ("scale", "times too large: gear"),
         ("sign", "as if its sign"),
-        ("swap", "look swapped"),
-        ("unit", "look 1000 times too small"),
     ],
 )
 def test_a_wrong_reading_is_named(kind: str, said: str, log: Log, rig: Rig) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,21 +13,13 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DivergedError
-from distal.fitting.candidates import WRITTEN, Compared, Score, Training
+from distal.fitting.candidates import WRITTEN, Candidate, Compared, Score, Training
 from distal.fitting.learned_maps import untouched
 from distal.fitting.parameters_and_priors import Options
 from distal.rig.validation import angle_names
 
 FIT = sys.modules["distal.fitting.fit"]
 LOG = Log(np.arange(3.0), {"x": np.zeros(3)}, source="one.csv")
-
-
-@dataclass(frozen=True)
-class Candidate:
-    name: str
-    rig: Rig
-    error: float
-    data: Mapping[int, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -40,61 +32,64 @@ class Learned:
 @pytest.fixture
 def candidates(pulley_rig: Rig) -> list[Candidate]:
     return [
-        Candidate("first", pulley_rig, 0.01),
-        Candidate("third", load_rig("capstan-joint"), 0.03),
-        Candidate("second", load_rig("template"), 0.02),
+        Candidate(name, rig, None, False, error, {})
+        for name, rig, error in (
+            ("first", pulley_rig, 0.01),
+            ("third", load_rig("capstan-joint"), 0.03),
+            ("second", load_rig("template"), 0.02),
+        )
     ]
 
 
-def written(
-    candidates: list[Candidate],
-    fails: list[Rig],
-    monkeypatch: pytest.MonkeyPatch,
-    error: float = 0.0,
-    half: float = 0.02,
-    line: float = 1.0,
-) -> Learned:
+Written = Callable[..., Learned]
+
+
+@pytest.fixture
+def written(candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch) -> Written:
     """Return what is written where the filters of some rigs leave all bounds, and the first errs by
     `error` with a band of ±`half`; logs left out had an error of 0.01 and a band of ±0.02, and a
     straight line errs by `line`.
     """
 
-    def estimate(log: Log, rig: Rig, **_: object) -> SimpleNamespace:
-        if rig in fails:
-            raise DivergedError(log.source)
-        first = rig == candidates[0].rig
-        errors = np.full(3, error if first else 0)
-        stds = np.full((3, 1), (half if first else 0.02) / BAND)
-        return SimpleNamespace(errors=lambda: errors, angle_stds=stds)
-
     compared = (Compared(0, "one.csv", {WRITTEN: Score(0.01, 0.95, 0.02)}),)
-    monkeypatch.setattr(FIT, "estimate", estimate)
-    monkeypatch.setattr(FIT, "reference_offset", lambda *_: 0.0)
     made = SimpleNamespace(of=lambda _, one: Learned(one.rig, (), compared))
+    monkeypatch.setattr(FIT, "reference_offset", lambda *_: 0.0)
     monkeypatch.setattr(FIT, "Fit", made)
     monkeypatch.setattr(
         FIT, "_with_free_motion", lambda learned, *_: replace(learned, doubts=("whole",))
     )
-    options = SimpleNamespace(compiled=False, homing=None)
-    training = SimpleNamespace(options=options, line_error=line, logs=[LOG])
-    judged = SimpleNamespace(candidates=candidates, training=training, chosen=candidates[0])
-    return FIT._followed(judged, [LOG])
+
+    def of(
+        fails: Sequence[Rig] = (), error: float = 0.0, half: float = 0.02, line: float = 1.0
+    ) -> Learned:
+        def estimate(log: Log, rig: Rig, **_: object) -> SimpleNamespace:
+            if rig in fails:
+                raise DivergedError(log.source)
+            first = rig == candidates[0].rig
+            errors = np.full(3, error if first else 0)
+            stds = np.full((3, 1), (half if first else 0.02) / BAND)
+            return SimpleNamespace(errors=lambda: errors, angle_stds=stds)
+
+        monkeypatch.setattr(FIT, "estimate", estimate)
+        options = SimpleNamespace(compiled=False, homing=None)
+        training = SimpleNamespace(options=options, line_error=line, logs=[LOG])
+        judged = SimpleNamespace(candidates=candidates, training=training, chosen=candidates[0])
+        return FIT._followed(judged, [LOG])
+
+    return of
 
 
 def test_a_rig_whose_filter_leaves_all_bounds_is_not_written(
-    candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+    candidates: list[Candidate], written: Written
 ) -> None:
     first, _, second = candidates
-    whole = written(candidates, [], monkeypatch)
+    whole = written()
     assert (whole.rig, whole.doubts) == (first.rig, ("whole",))
-    without_touches = written(candidates, [first.rig], monkeypatch)
-    assert without_touches.rig == untouched(first.rig)
-    assert without_touches.doubts == ("whole",)
-    next_best = written(candidates, [first.rig, untouched(first.rig)], monkeypatch)
-    assert next_best.rig == second.rig
-    assert next_best.doubts == ("whole",)
-    every = [rig for each in candidates for rig in (each.rig, untouched(each.rig))]
-    last = written(candidates, every, monkeypatch)
+    without_touches = written([first.rig])
+    assert (without_touches.rig, without_touches.doubts) == (untouched(first.rig), ("whole",))
+    next_best = written([first.rig, untouched(first.rig)])
+    assert (next_best.rig, next_best.doubts) == (second.rig, ("whole",))
+    last = written([rig for each in candidates for rig in (each.rig, untouched(each.rig))])
     assert last.rig == first.rig
     assert last.doubts[:2] == (
         "the filter of first leaves all bounds on one.csv",
@@ -107,13 +102,13 @@ def test_a_rig_whose_filter_leaves_all_bounds_is_not_written(
 
 
 def test_ctrl_c_at_the_last_step_leaves_what_was_learned(
-    candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+    candidates: list[Candidate], written: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Rig, "__hash__", stopped)  # the first thing that is done with a rig
-    assert written(candidates, [], monkeypatch).rig == candidates[0].rig
+    assert written().rig == candidates[0].rig
 
 
 @pytest.mark.parametrize(
@@ -126,28 +121,24 @@ def test_ctrl_c_at_the_last_step_leaves_what_was_learned(
     ],
 )
 def test_a_rig_whose_error_or_band_is_twice_what_was_promised_is_not_written(
-    found: dict[str, float],
-    said: bool,
-    candidates: list[Candidate],
-    monkeypatch: pytest.MonkeyPatch,
+    found: dict[str, float], said: bool, candidates: list[Candidate], written: Written
 ) -> None:
     """On the very logs that it was learned from."""
-    result = written(candidates, [], monkeypatch, **found)
-    assert result.rig == (untouched(candidates[0].rig) if said else candidates[0].rig)
+    first = candidates[0].rig
+    assert written(**found).rig == (untouched(first) if said else first)
 
 
 def test_a_filter_that_errs_twice_as_much_as_a_straight_line_is_not_written(
-    candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch
+    written: Written,
 ) -> None:
     """The next ones do too, so that readings alone are left."""
-    result = written(candidates, [], monkeypatch, line=0.0051)
-    assert result.rig == candidates[0].rig
-    result = written(candidates, [], monkeypatch, line=0.0049)
-    assert result.doubts[0] == (
+    assert written(line=0.0051).doubts == ("whole",)
+    doubts = written(line=0.0049).doubts
+    assert doubts[0] == (
         "the filter of first errs by 0.57° on logs left out, a straight line of the readings by "
         "0.28°"
     )
-    assert len(result.doubts) == 5
+    assert len(doubts) == 5
 
 
 def test_the_straight_line_is_judged_on_logs_left_out(pulley_rig: Rig) -> None:

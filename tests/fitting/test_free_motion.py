@@ -20,18 +20,23 @@ from distal.rig import LearnedMap, LeftOut
 from distal.run import JointContact, Monitor
 from distal.run.health import Watch
 from tests.learned_maps import drawn_map
-from tests.support.hands_plants import bowden_log, bowden_rig
 from tests.support.pushed_finger import finger, finger_rig
 
 PUSHED = 6.0
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
-    """Return a finger with load cells that says nothing of touches, with its free motion."""
+def free() -> list[Log]:
+    return [finger(seed, 12.0, None)[0] for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def rig(free: list[Log]) -> Rig:
+    """Return a finger with load cells that says nothing of touches, with the free motion of all
+    logs but the last.
+    """
     described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
-    logs = [finger(seed, 12.0, None)[0] for seed in range(3)]
-    return described.with_map(efforts=efforts_of(logs, described, range(len(logs))))
+    return described.with_map(efforts=efforts_of(free[:3], described, range(3)))
 
 
 @pytest.fixture(scope="module")
@@ -74,50 +79,37 @@ def test_a_push_is_felt_followed_and_forgotten(rig: Rig, pushed: Log) -> None:
     assert PUSHED + 3.0 - first - 0.02 < max(stands) < 3.0
 
 
-def test_nothing_is_felt_in_free_motion(rig: Rig) -> None:
-    found = contacts(rig, finger(21, 12.0, None)[0], touches=False)
+def test_nothing_is_felt_in_free_motion(rig: Rig, free: list[Log]) -> None:
+    found = contacts(rig, free[3], touches=False)
     assert not any(one.since for one in found)
 
 
-def test_logs_that_are_touched_are_found() -> None:
-    rig = bowden_rig()
-    free = [bowden_log(seed, "calibration", 20.0) for seed in range(4)]
-    assert touched_logs(free, rig) == []
+def test_logs_that_are_touched_are_found(free: list[Log]) -> None:
+    assert touched_logs(free, finger_rig()) == []
     held = free[2].truth["theta"] - np.deg2rad(12) * (np.sin(0.7 * free[2].time) > 0.3)
-    assert touched_logs([*free[:3], replace(free[2], truth={"theta": held}), free[3]], rig) == [3]
+    logs = [*free[:3], replace(free[2], truth={"theta": held}), free[3]]
+    assert touched_logs(logs, finger_rig()) == [3]
 
 
-def test_innovations_do_not_accuse_a_rig_that_logs_taught(rig: Rig) -> None:
-    """Stiffnesses are half of what they are: only without the logs sensors disagree."""
-    halves = [0.5 * tendon.stiffness.value for tendon in rig.tendons]
-    soft = rig.with_values(
-        {"joints.finger.touch": "never"}
-        | {f"tendons.{i}.stiffness": {"value": value, "std": 0.0} for i, value in enumerate(halves)}
-    )
-    log = finger(21, 6.0, None)[0]
-    for described, word in ((soft, "ok"), (soft.bare(), "disagrees")):
-        assert log_health(log, described)[-1] == word
-
-
-def test_numbers_of_a_fitted_rig_may_stray(rig: Rig) -> None:
-    """Stiffnesses twice too large, ± 3 %: the filter leaves them. Only of a rig that was not fitted
-    that contradicts the log.
+def test_neither_numbers_nor_innovations_accuse_a_rig_that_logs_taught(
+    rig: Rig, free: list[Log]
+) -> None:
+    """Stiffnesses are said to be half of what they are, ± 3 %: the filter leaves them. Only of a
+    rig that was not fitted that contradicts the log.
     """
-    stiffness = [2.0 * tendon.stiffness.value for tendon in rig.tendons]
+    stiffness = [0.5 * tendon.stiffness.value for tendon in rig.tendons]
     wrong = rig.with_values(
-        {
+        {"joints.finger.touch": "never"}
+        | {
             f"tendons.{i}.stiffness": {"value": value, "std": 0.03 * value}
             for i, value in enumerate(stiffness)
         }
     )
-    log = finger(3, 8.0, None)[0]
-    taught = wrong.with_map(efforts=rig.map.efforts)  # type: ignore[union-attr]
-    said = list[bool]()
-    for described in (wrong.bare(), taught):
-        said.append(bool(Watch.of(LiveEstimator(described).estimator).watched))
-        findings = diagnose(estimate(log, described), log, described, what_if=False).findings
-        said.append(any(finding.kind == "left its prior" for finding in findings))
-    assert said == [True, True, False, False]
+    for described, accused in ((wrong.bare(), True), (wrong, False)):
+        assert bool(Watch.of(LiveEstimator(described).estimator).watched) is accused
+        kinds = {finding.kind for finding in diagnose(estimate(free[3], described)).findings}
+        assert kinds == ({"too large", "left its prior"} if accused else set())
+        assert log_health(free[3], described)[-1] == ("disagrees" if accused else "ok")
 
 
 def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
@@ -138,16 +130,16 @@ def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
     assert moved[~touched].max() > 1e-6
 
 
-def drawn_filter() -> tuple[ca.Function, LearnedMap]:
-    """Return a filter of one joint whose states stay as they are, and a map beside it."""
+BESIDE = drawn_map()
+ALONE = drawn_map(beside_filter=False, seed=3)
+
+
+def reported(maps: list[LearnedMap], state: list[float], touched: tuple[int, ...] = ()) -> Floats:
+    """Return value, gain and variance of the joint as maps report it, after one sample beside a
+    filter whose states stay as they are.
+    """
     kernel_state, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
-    return ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)]), drawn_map()
-
-
-def reported(
-    inner: ca.Function, maps: list[LearnedMap], state: list[float], touched: tuple[int, ...] = ()
-) -> Floats:
-    """Return value, gain and variance of the joint as maps report it, after one sample."""
+    inner = ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)])
     placed = [ReportedMap(learned, (0, 1), (0,)) for learned in maps]
     state_of, p = ca.MX.sym("state", 2), ca.MX.sym("p", 1)
     none = ca.MX(0, 1)
@@ -162,43 +154,35 @@ def reported(
 
 def test_a_map_beside_a_filter_is_doubted_while_touched() -> None:
     """gain⁺ = (1 − s) gain + s, variance⁺ = variance + s a², and the value stays."""
-    inner, learned = drawn_filter()
-    value, gain, variance = reported(inner, [learned], [0.2, 0.0])
+    value, gain, variance = reported([BESIDE], [0.2, 0.0])
     for share in (0.0, 0.4, 1.0):
-        doubted = reported(inner, [learned], [0.2, share], touched=(1,))
+        doubted = reported([BESIDE], [0.2, share], touched=(1,))
         doubt = share * (value - 0.2) ** 2
         expected = [value, (1 - share) * gain + share, variance + doubt]
         np.testing.assert_allclose(doubted, expected, rtol=1e-12)
 
 
-def test_a_filter_and_readings_alone_are_pooled_by_their_variances() -> None:
-    """Mean and variance of the mixture of both, by its first two moments."""
-    inner, learned = drawn_filter()
-    alone = drawn_map(beside_filter=False, seed=3)
-    a, gain, added = reported(inner, [learned], [0.2, 0.0])
-    b, none, variance = reported(inner, [alone], [0.2, 0.0])
-    assert none == 0.0
-    for own in (0.0, 0.04, 4.0):  # variance of the filter's own angle
-        pooled = reported(inner, [learned, alone], [0.2, own])
-        share = variance / (gain**2 * own + added + variance)
+@pytest.mark.parametrize("touched", [(), (1,)])
+def test_a_filter_and_readings_alone_are_pooled_by_their_variances(
+    touched: tuple[int, ...],
+) -> None:
+    """Mean and variance of the mixture of both, by its first two moments; while touched both count
+    the same, since no log of free motion tells which of them is right then.
+    """
+    # one number is the share of the touch and the variance of the filter's own angle
+    for own in (0.0, 0.04, 1.0):
+        a, gain, added = reported([BESIDE], [0.2, own], touched)
+        b, none, variance = reported([ALONE], [0.2, own])
+        assert none == 0.0
+        of_filter = gain**2 * own + added
+        share = variance / (of_filter + variance)
+        if touched:
+            share = (1 - own) * share + 0.5 * own
+        pooled = reported([BESIDE, ALONE], [0.2, own], touched)
         mean = share * a + (1 - share) * b
-        second = share * (gain**2 * own + added + a**2) + (1 - share) * (variance + b**2)
+        second = share * (of_filter + a**2) + (1 - share) * (variance + b**2)
         assert pooled[0] == pytest.approx(mean)
         assert pooled[1] ** 2 * own + pooled[2] == pytest.approx(second - mean**2)
-
-
-def test_while_touched_filter_and_readings_count_the_same() -> None:
-    """No log of free motion tells which of them is right then."""
-    inner, learned = drawn_filter()
-    alone = drawn_map(beside_filter=False, seed=3)
-    for touch in (0.0, 0.4, 1.0):
-        # one number is the share of the touch and the variance of the filter's own angle
-        a, gain, added = reported(inner, [learned], [0.2, touch], touched=(1,))
-        b, _, other = reported(inner, [alone], [0.2, touch])
-        value, _, _ = reported(inner, [learned, alone], [0.2, touch], touched=(1,))
-        own = gain**2 * touch + added
-        share = own / (own + other) * (1 - touch) + 0.5 * touch
-        assert value == pytest.approx((1 - share) * a + share * b)
 
 
 def test_how_a_fit_did_is_said() -> None:

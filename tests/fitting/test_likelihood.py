@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from distal.fitting.likelihood import (
+    Derivatives,
     Innovations,
     Weighing,
     cost_of,
@@ -17,6 +18,7 @@ from distal.fitting.likelihood import (
     scales_of,
     shares_of,
 )
+from tests.helpers import finite_difference
 
 Floats = NDArray[np.float64]
 
@@ -41,119 +43,100 @@ def run(z: Floats) -> Innovations:
     return Innovations(values, np.full((COUNT, 2), 0.8 * np.exp(z[1])))
 
 
-def at(z: Floats, widths: Floats) -> list[Innovations]:
-    return [run(z + step) for step in np.diag(widths)]
+Z = np.array([0.4, 0.1])
+RUN = run(Z)
+OUTLIERS, UNLIMITED = np.full(2, 9.0), np.full(2, np.inf)
+
+
+def derivatives_at(z: Floats, weighing: Weighing, width: float = 1e-4) -> Derivatives:
+    ends = [run(z + step) for step in width * np.eye(2)]
+    return derivatives_of(run(z), ends, np.full(2, width), weighing)
 
 
 def test_it_is_the_likelihood_of_a_normal_distribution() -> None:
-    made = run(np.array([0.4, 0.1]))
-    nu, spread = made.values, made.variances
+    nu, spread = RUN.values, RUN.variances
     expected = 0.5 * np.sum(np.array([1.0, 0.5]) * (nu**2 / spread + np.log(spread)))
-    assert cost_of(made, weighing()) == pytest.approx(expected)
-    broken = Innovations(nu, np.where(spread > 0, -1.0, spread))
-    assert cost_of(broken, weighing()) == np.inf
+    assert cost_of(RUN, weighing()) == pytest.approx(expected)
+    assert cost_of(Innovations(nu, -spread), weighing()) == np.inf
 
 
 def test_a_filter_that_left_all_bounds() -> None:
     """Innovations whose squares are no numbers cost infinitely much; as an end of a step they have
     no slope.
     """
-    z, made = np.array([0.4, 0.1]), run(np.array([0.4, 0.1]))
-    wild = Innovations(np.full_like(made.values, 1e200), made.variances)
+    wild = Innovations(np.full_like(RUN.values, 1e200), RUN.variances)
     assert cost_of(wild, weighing()) == np.inf
-    _, second = at(z, np.full(2, 1e-4))
-    derivatives = derivatives_of(made, [wild, second], np.full(2, 1e-4), weighing())
-    assert derivatives.gradient[0] == 0.0
-    assert np.isfinite(derivatives.information).all()
+    widths = np.array([1e-4, 0.0])
+    found = derivatives_of(RUN, [wild, run(Z + np.diag(widths)[0])], widths, weighing())
+    assert found.gradient[0] == 0.0
+    assert np.isfinite(found.information).all()
+    assert found.information[1, 1] == 0.0  # it is not varied
 
 
 def test_an_outlier_counts_as_in_the_filter() -> None:
     """Beyond ν² = 9 S the variance grows with it: ½ (9 + ln ν²/9)."""
     values, variances = np.full((COUNT, 2), np.nan), np.ones((COUNT, 2))
     values[0, 0] = 30.0
-    single = Weighing(np.full(2, 9.0), np.ones(2), np.array([1.0, 0.0]))
-    assert cost_of(Innovations(values, variances), single) == pytest.approx(
-        0.5 * (9.0 + np.log(100.0))
-    )
+    single = Weighing(OUTLIERS, np.ones(2), np.array([1.0, 0.0]))
+    expected = 0.5 * (9.0 + np.log(100.0))
+    assert cost_of(Innovations(values, variances), single) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("tolerance", [np.inf, 2.0])
-def test_the_gradient_is_that_of_the_cost(tolerance: float) -> None:
-    z, widths = np.array([0.4, 0.1]), np.full(2, 2e-4)
-    found = derivatives_of(run(z), at(z, widths), widths, weighing(tolerance=tolerance))
-    for k, step in enumerate(np.diag(np.full(2, 1e-6))):
-        slope = (
-            cost_of(run(z + step), weighing(tolerance=tolerance))
-            - cost_of(run(z - step), weighing(tolerance=tolerance))
-        ) / 2e-6
-        assert found.gradient[k] == pytest.approx(slope, rel=1e-3)
+@pytest.mark.parametrize(
+    ("tolerance", "log_spread", "scaled"),
+    [(np.inf, 0.1, False), (2.0, 0.1, False), (np.inf, -3.0, True)],
+)
+def test_the_gradient_is_that_of_the_cost(
+    tolerance: float, log_spread: float, scaled: bool
+) -> None:
+    """Also where c is found at each point: it is held in the slopes, since it is where the
+    likelihood is largest.
+    """
+
+    def weighed(z: Floats) -> Weighing:
+        scale = scales_of([run(z)], UNLIMITED) if scaled else np.ones(2)
+        assert not scaled or (scale > 2.0).all()
+        return replace(weighing(tolerance=tolerance), scale=scale)
+
+    z = np.array([0.4, log_spread])
+    found = derivatives_at(z, weighed(z), 2e-4)
+    slopes = finite_difference(lambda at: np.array([cost_of(run(at), weighed(at))]), z)
+    np.testing.assert_allclose(found.gradient, slopes[0], rtol=1e-3, atol=1e-4 * scaled)
     assert np.linalg.eigvalsh(found.information).min() > 0.0
 
 
 def test_fishers_information_of_a_variance() -> None:
     """½ Σ w (∂ ln S)², and nothing between mean and variance."""
-    z, widths = np.array([0.4, 0.1]), np.full(2, 1e-4)
-    found = derivatives_of(run(z), at(z, widths), widths, weighing())
+    found = derivatives_at(Z, weighing())
     assert found.information[1, 1] == pytest.approx(0.5 * COUNT * 1.5, rel=1e-6)
     assert found.information[0, 1] == pytest.approx(0.0, abs=1e-6)
-    still = derivatives_of(run(z), at(z, widths), np.array([1e-4, 0.0]), weighing())
-    assert still.information[1, 1] == 0.0
 
 
 def test_how_many_values_are_compared_does_not_matter() -> None:
     """Half of the values of a channel stand for all; of hardly any each counts for at most
     twenty.
     """
-    made = run(np.array([0.4, 0.1]))
-    values = made.values.copy()
+    values = RUN.values.copy()
     values[::2, 0] = np.nan
-    even = evened(Innovations(values, made.variances), weighing())
-    np.testing.assert_allclose(even, [2.0, 1.0])
-    half, whole = (
-        cost_of(Innovations(values, made.variances), weighing()),
-        cost_of(made, weighing()),
-    )
-    assert half == pytest.approx(whole, rel=0.1)
+    half = Innovations(values, RUN.variances)
+    np.testing.assert_allclose(evened(half, weighing()), [2.0, 1.0])
+    assert cost_of(half, weighing()) == pytest.approx(cost_of(RUN, weighing()), rel=0.1)
     values[3:, 0] = np.nan
-    few = evened(Innovations(values, made.variances), weighing())
-    assert few[0] == pytest.approx(20.0)
+    assert evened(half, weighing())[0] == pytest.approx(20.0)
 
 
 def test_the_scale_of_residuals_is_their_mean_ratio() -> None:
     """White residuals 3 standard deviations large have c = 9, smaller ones than expected 1, and
     outliers hardly count.
     """
-    rng = np.random.default_rng(4)
-    values = np.column_stack([3.0 * rng.normal(size=20_000), 0.5 * rng.normal(size=20_000)])
-    run = Innovations(values, np.ones_like(values))
-    assert scales_of([run], np.full(2, np.inf)) == pytest.approx([9.0, 1.0], rel=0.03)
-    wild = values.copy()
-    wild[::100, 0] = 1e3
-    assert scales_of([Innovations(wild, run.variances)], np.full(2, 9.0))[0] == pytest.approx(
-        9.0, rel=0.15
-    )
-    silent = Innovations(np.full((5, 2), np.nan), np.ones((5, 2)))
-    assert scales_of([silent], np.full(2, 9.0)) == pytest.approx([1.0, 1.0])
-
-
-def test_the_scale_is_where_the_likelihood_is_largest() -> None:
-    """d/dc of ½ Σ (ν²/(c S) + ln c S) is 0 at c = mean ν²/S: the gradient at that c is the slope of
-    −ln p itself.
-    """
-    z, limit = np.array([0.4, -3.0]), np.full(2, np.inf)
-
-    def cost(at: Floats) -> float:
-        made = run(at)
-        return cost_of(made, replace(weighing(), scale=scales_of([made], limit)))
-
-    widths = np.full(2, 2e-4)
-    scale = scales_of([run(z)], limit)
-    assert (scale > 2.0).all()
-    found = derivatives_of(run(z), at(z, widths), widths, replace(weighing(), scale=scale))
-    for k, step in enumerate(np.diag(np.full(2, 1e-6))):
-        assert found.gradient[k] == pytest.approx(
-            (cost(z + step) - cost(z - step)) / 2e-6, rel=1e-3, abs=1e-4
-        )
+    values = np.array([3.0, 0.5]) * np.random.default_rng(4).normal(size=(20_000, 2))
+    ones = np.ones_like(values)
+    found = scales_of([Innovations(values, ones)], UNLIMITED)
+    assert found == pytest.approx([9.0, 1.0], rel=0.03)
+    values[::100, 0] = 1e3
+    assert scales_of([Innovations(values, ones)], OUTLIERS)[0] == pytest.approx(9.0, rel=0.15)
+    silent = Innovations(np.nan * ones, ones)
+    assert scales_of([silent], OUTLIERS) == pytest.approx([1.0, 1.0])
 
 
 def test_the_share_of_white_and_of_lasting_residuals() -> None:
@@ -164,13 +147,3 @@ def test_the_share_of_white_and_of_lasting_residuals() -> None:
     white, lasting = shares_of([Innovations(values, np.full_like(values, 4.0))], [times])
     assert white > 0.8
     assert lasting == pytest.approx(1.0 / 200.0)
-
-
-def test_a_likelihood_of_half_the_worth_knows_half_as_much() -> None:
-    z, widths = np.array([0.4, 0.1]), np.full(2, 1e-4)
-    whole = derivatives_of(run(z), at(z, widths), widths, weighing())
-    half = derivatives_of(
-        run(z), at(z, widths), widths, replace(weighing(), share=0.5 * weighing().share)
-    )
-    np.testing.assert_allclose(half.information, 0.5 * whole.information, rtol=1e-12)
-    np.testing.assert_allclose(half.gradient, 0.5 * whole.gradient, rtol=1e-12)

@@ -27,7 +27,7 @@ def test_a_fit_enters_few_modules_of_the_layers_that_learn() -> None:
 
     rig = start_rig()
     plant, _ = drawn_plant(1)
-    logs = logs_of(rig, plant, 1, ("ramps", "servo"), 2.0)
+    logs = logs_of(rig, plant, 1, ("ramps", "servo"), 1.0)
     threading.setprofile(seen)
     sys.setprofile(seen)
     try:

@@ -20,6 +20,7 @@ from distal.fitting.learned_maps import (
 from distal.fitting.parameters_and_priors import FittedParameter, assignments
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
+from distal.rig import number
 
 
 def log(source: TruthSource | str) -> Log:
@@ -57,17 +58,18 @@ def test_what_the_reference_errs_by(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("hold", [False, True])
-def test_how_sure_a_file_is(hold: bool) -> None:
-    """Its stds are the standard errors; held, filters take the values as they are."""
-    start = load_rig("capstan-joint").with_values(
-        {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
-    )
+@pytest.mark.parametrize(("value", "written"), [(0.3, 0.3), (6.4e-22, 0.0)])
+def test_how_sure_a_file_is(hold: bool, value: float, written: float) -> None:
+    """Its stds are the standard errors; held, filters take the values as they are. A file takes no
+    number below 1e-20: a slack that a search made ever smaller is none.
+    """
     path = "joints.0.friction.coefficient"
-    found = FittedParameter("it", (path,), "", 0.2, 0.1, 0.3, 0.05, False, (0.3,))
-    written = assignments([found], start, hold)["joints.jaw.friction.coefficient"]
-    assert written["value"] == 0.3
-    assert written["std"] == pytest.approx(0.05)
-    assert written.get("hold", False) is hold
+    start = load_rig("capstan-joint").with_values({path: {"value": 0.2, "std": 0.1}})
+    found = FittedParameter("it", (path,), "", 0.2, 0.1, value, 0.05, False, (value,))
+    after = number(start.with_values(assignments([found], start, hold)), path)
+    assert after.value == written
+    assert after.std == pytest.approx(0.05)
+    assert after.hold is hold
 
 
 def lacking(*lacks: float) -> Samples:
@@ -125,15 +127,3 @@ def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
     data, refused = filtered([given, given], [rig.bare()] * 2, homing, False)
     assert (refused, list(data)) == ([], [0, 1])
     np.testing.assert_allclose(data[1].targets, 0.0 if taken else 1e-3, atol=1e-15)
-
-
-def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:
-    """A rig file takes no number below 1e-20: a slack that a search made ever smaller is none."""
-    start = load_rig("capstan-joint").with_values(
-        {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
-    )
-    path = "joints.0.friction.coefficient"
-    found = FittedParameter("it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, False, (6.4e-22,))
-    after = start.with_values(assignments([found], start)).joints[0].friction
-    assert after is not None
-    assert after.coefficient.value == 0.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from distal import Log
 from distal.confidence import BAND
 from distal.estimators import samples_of_angles
 from distal.fitting.candidates import (
@@ -37,29 +38,34 @@ def test_a_score_is_of_the_errors_after_the_beginning() -> None:
     assert score.half == pytest.approx(0.6 * BAND)
 
 
-def test_least_squares_of_a_log_are_solved_without_it() -> None:
-    logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(3)]
+@pytest.fixture(scope="module")
+def logs() -> list[Log]:
+    return [replace(finger_log(k, 3.0), source=f"unit_{k // 2} {k}") for k in range(4)]
+
+
+def test_least_squares_of_a_log_are_solved_without_its_group(logs: list[Log]) -> None:
+    """Two logs of each of two units."""
     rig = finger_rig().bare()
-    training = Training.of(logs, rig, Options(workers=1))
+    training = Training.of(logs, rig, Options(workers=1, groups=r"unit_(\d)"))
     compared = comparisons(training, (), {"readings": readings_map(training)})
+    assert [one.log for one in compared] == [log.source for log in logs]
     samples = [samples_of_angles(log, rig) for log in logs]
     for i, one in enumerate(compared):
         early = (samples[i].time < SETTLING)[:, None]
         late = replace(samples[i], targets=np.where(early, np.nan, samples[i].targets))
-        expected = yardstick_error("least squares", samples[:i] + samples[i + 1 :], late)
+        others = samples[2:] if i < 2 else samples[:2]
         score = one.scores["least squares"]
         assert score is not None
-        assert score.rms == pytest.approx(expected)
+        assert score.rms == pytest.approx(yardstick_error("least squares", others, late))
         assert one.scores[WRITTEN] == one.scores[REGRESSION]
         assert one.scores[REGRESSION] is not None
 
 
-def test_a_log_whose_angle_is_known_at_the_beginning_alone_has_no_score() -> None:
-    logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(3)]
+def test_a_log_whose_angle_is_known_at_the_beginning_alone_has_no_score(logs: list[Log]) -> None:
     early = np.where(logs[0].time < 0.4, logs[0].truth["theta"], np.nan)
-    logs[0] = replace(logs[0], truth={"theta": early})
-    training = Training.of(logs, finger_rig().bare(), Options(workers=1))
+    told = [replace(logs[0], truth={"theta": early}), *logs[1:3]]
+    training = Training.of(told, finger_rig().bare(), Options(workers=1))
     compared = comparisons(training, (), {"readings": readings_map(training)})
-    assert [one.log for one in compared] == ["log 1", "log 2"]
+    assert [one.log for one in compared] == [log.source for log in logs[1:3]]
     for one in compared:
         assert np.isfinite([score.rms for score in one.scores.values() if score]).all()

@@ -13,8 +13,7 @@ import pytest
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
-from distal.homing import home, plain_samples, samples_of_readings, with_prior_maps, with_references
-from distal.regression import Samples
+from distal.homing import home, samples_of_readings, with_prior_maps, with_references
 from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
@@ -35,19 +34,6 @@ def log() -> Log:
 @pytest.fixture(scope="module")
 def rig() -> Rig:
     return load_rig("capstan-joint").with_map(filter=[resting(drawn_map())])
-
-
-def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) -> None:
-    def run(rig: Rig) -> Samples:
-        made = AdaptiveFilter(rig, compiled=False)
-        samples = samples_of(log, made.channels)
-        truths = np.full((len(log), 1), np.nan)
-        return plain_samples(made, made.initial(0.0, samples[0]), log, samples, truths)
-
-    one, other = run(rig), run(rig.bare())
-    np.testing.assert_allclose(one.angles, other.angles, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(one.variances, other.variances, rtol=1e-9)
-    np.testing.assert_allclose(one.readings, other.readings, rtol=0, atol=1e-15)
 
 
 def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distal import LiveEstimator, homing_filter, load_rig
-from distal.estimators import Belief
+from distal import homing_filter, load_rig
+from distal.estimators import AdaptiveFilter, Belief
 from distal.homing import _anchored
 from distal.kernels import covariance_of
 from distal.regression import Samples, Weights, from_window
@@ -74,11 +74,11 @@ def test_a_zero_that_no_log_knew_follows_a_known_angle() -> None:
     """A map that is sure of its constant to 0.002 rad, and a mark that says 0.2 rad more."""
     sure = constant_map("jaw", ("motor_angle", "motor_torque"), 0.0, 0.002)
     rig = load_rig("capstan-joint").with_map(filter=[sure])
-    live = LiveEstimator(rig, homing_filter(rig, 0.0, False))
-    plain = LiveEstimator(rig)
-    for k in range(300):
-        sample = np.array([0.2 * np.sin(0.02 * k), 0.01])
-        plain.step(0.005 * k, sample)
-        at = plain.angle + 0.2 if 100 < k < 150 else np.nan
-        live.step(0.005 * k, np.array([*sample, at]))
-    assert live.angle - plain.angle == pytest.approx(0.2, abs=0.03)
+    time = 0.005 * np.arange(300)
+    samples = np.column_stack([0.2 * np.sin(4.0 * time), np.full(300, 0.01)])
+    plain, homing = AdaptiveFilter(rig, compiled=False), homing_filter(rig, 0.0, False)
+    usual = plain.scan(plain.initial(0.0, samples[0]), time, samples)[0][:, 0]
+    marked = np.where((time > 0.5) & (time < 0.75), usual + 0.2, np.nan)
+    told = np.column_stack([samples, marked])
+    means, *_ = homing.scan(homing.initial(0.0, told[0]), time, told)
+    assert means[-1, 0] - usual[-1] == pytest.approx(0.2, abs=0.03)

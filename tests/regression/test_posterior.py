@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from distal.confidence import BAND
-from distal.fitting.learned_maps import Task, _share, density, learned_map
+from distal.fitting.learned_maps import (
+    HeldOut,
+    Task,
+    _correlation,
+    _share,
+    density,
+    learned_map,
+)
 from distal.regression import Prior, Samples, Shape, given, rates_of, yardstick_error
 from distal.regression.posterior import Evidence, Weights, _noise, _variances
 from distal.rig import LearnedMap
@@ -185,9 +192,8 @@ def test_it_errs_far_less_than_a_line_and_its_band_holds(
         assert scores(learned, range(20, 21), spread=spread)[1] > 0.8
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_few_logs_give_a_band_that_holds_on_the_next(logs: list[Samples], count: int) -> None:
-    assert np.mean(scores(taught(logs[:count]))[1]) > 0.85
+def test_one_log_gives_a_band_that_holds_on_the_next(logs: list[Samples]) -> None:
+    assert np.mean(scores(taught(logs[:1]))[1]) > 0.85
 
 
 def test_a_zero_that_moved_is_told_by_one_pose() -> None:
@@ -205,7 +211,7 @@ def test_readings_that_are_missing_or_never_moved_are_no_trouble(logs: list[Samp
         still = np.full(len(log.time), 7.0)
         return replace(log, readings=np.column_stack([log.readings, still]))
 
-    holed = [with_still(log) for log in logs]
+    holed = [with_still(log) for log in logs[:2]]
     for log in holed:
         log.readings[::3, 1] = np.nan
     found = taught(holed, channels=("x", "f", "still"))
@@ -213,21 +219,16 @@ def test_readings_that_are_missing_or_never_moved_are_no_trouble(logs: list[Samp
 
 
 def test_joints_that_err_together_are_said_to() -> None:
-    """Two references share an error that no reading shows, with opposite signs, and each has one
-    of its own, half as large: the correlation is −1/(1 + 1/4).
-    """
-    logs = []
-    for seed in range(4):
-        log = moved(seed, 3000)
-        rng = np.random.default_rng(60 + seed)
-        shared, first, second = rng.normal(size=(3, len(log.time))) * ((0.05,), (0.025,), (0.025,))
-        targets = log.targets + np.column_stack([shared + first, second - shared])
-        logs.append(replace(log, targets=targets, variances=np.zeros_like(targets)))
-    correlation = taught(logs, joints=("a", "b")).arrays["correlation"]
-    # of n samples it has the standard error (1 − ρ²)/√n
-    count = sum(len(log.time[:: len(log.time) // 300]) for log in logs)
-    assert correlation[0, 1] == pytest.approx(-0.8, abs=4 * 0.36 / count**0.5)
-    np.testing.assert_array_equal(np.diag(correlation), 1.0)
+    """The cosine of their errors in stds on all logs; those known at other samples are alone."""
+    time, errors = np.arange(30.0), np.random.default_rng(6).normal(size=(2, 3, 30))
+    variances = np.array([1.0, 4.0, 9.0])[:, None] * np.ones(30)
+    errors[1] -= 0.8 * errors[0]
+    joints = [[HeldOut(time, *pair) for pair in zip(joint, variances)] for joint in errors]
+    a, b = (errors / np.sqrt(variances)).reshape(2, -1)
+    cosine = a @ b / np.sqrt(a @ a * (b @ b))
+    assert cosine < -0.4
+    np.testing.assert_allclose(_correlation(joints), [[1.0, cosine], [cosine, 1.0]])
+    np.testing.assert_array_equal(_correlation([joints[0], joints[1][:2]]), np.eye(2))
 
 
 def test_beside_a_filter_that_lacks_something_the_error_left_out_is_what_the_map_leaves(
