@@ -29,7 +29,7 @@ def test_arms_signs_stiffness_and_noise_are_those_of_the_plant(tmp_path: Path) -
     assert found.rig.taken == ()
     assert found.rig.log.time.unit == "ms"
     assert "not in the logs: friction of joints" in found.text
-    # tendons that pull both ways need no spring; no log tells on which side of the drive's
+    # this plant has no springs; no log tells on which side of the drive's
     # friction a load cell stands
     assert all(joint.spring is None for joint in found.rig.joints)
     assert all(drive.friction.constant.value > 0.0 for drive in found.rig.drives)

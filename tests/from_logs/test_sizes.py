@@ -210,10 +210,11 @@ def test_inertias_that_no_joint_carries_for_another_are_no_links(tmp_path: Path)
 
 
 def motor_and_joint(
-    seed: int, inertia: float, rotor: float, load: float = 0.0
+    seed: int, inertia: float, rotor: float, load: float = 0.0, spring: float = 0.0
 ) -> dict[str, Floats]:
     """Return a log of a motor whose spool of 6 mm turns a joint's pulley of 5 mm by two tendons,
-    against a constant load; its torque is read in the motor, which rubs and is damped.
+    against a constant load and a spring [N m/rad]; its torque is read in the motor, which rubs and
+    is damped.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 1.0 / 200.0)
@@ -223,7 +224,7 @@ def motor_and_joint(
         angle += 0.12 * np.sin(w * time + phase)
         speed += 0.12 * w * np.cos(w * time + phase)
         acceleration -= 0.12 * w**2 * np.sin(w * time + phase)
-    torque = inertia * acceleration + 5e-3 * np.sign(speed) + load
+    torque = inertia * acceleration + 5e-3 * np.sign(speed) + load + spring * angle
     turned = (5.0 * angle + torque / 5e-3 / (2.0 * 1.5e4) * 1e3) / 6.0
     turning = np.gradient(turned, time)
     effort = torque * 6.0 / 5.0 + 1e-3 * np.sign(turning) + 1e-3 * turning
@@ -274,6 +275,18 @@ def test_a_drive_that_pulls_both_ways_has_two_tendons(
     low, high = np.quantile(efforts, [0.05, 0.95])
     assert (-0.15 < low / high < -0.07) == (count == 2)
     assert len(rig_from_logs(written(logs, tmp_path)).rig.tendons) == count
+
+
+def test_a_joint_that_is_pulled_both_ways_has_a_spring_where_its_torque_shows_one(
+    tmp_path: Path,
+) -> None:
+    logs = [motor_and_joint(k, inertia=0.0, rotor=0.0, spring=0.02, load=2e-3) for k in range(3)]
+    spring = rig_from_logs(written(logs, tmp_path)).rig.joints[0].spring
+    assert spring is not None
+    assert spring.stiffness.value == pytest.approx(0.02, rel=0.15)
+    assert spring.rest_angle.value == pytest.approx(-0.1, rel=0.3)
+    logs = [motor_and_joint(k, inertia=0.0, rotor=0.0) for k in range(3)]
+    assert rig_from_logs(written(logs, tmp_path)).rig.joints[0].spring is None
 
 
 def test_an_inertia_that_logs_do_not_show_is_as_small_as_they_show(tmp_path: Path) -> None:

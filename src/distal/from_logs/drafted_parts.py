@@ -205,8 +205,14 @@ def raw_joint(
     raw["friction"] = _joint_friction(pulls, balance)
     raw |= _stops(low, high, joint_stops(j, drives, logs))
     if not pulled_both_ways(pulls):
-        # the others need no spring, and tendons that stiffen would be taken for one
         raw["spring"] = _spring(low, high, pulls, balance)
+    elif balance.has_spring:
+        # tendons that stiffen look like one too
+        rest = degrees(-balance.offset / balance.stiffness)
+        raw["spring"] = {
+            "stiffness": about(balance.stiffness, 1.0, "N m/rad"),
+            "rest_angle": within(rest, max(SURE_MOTION * abs(rest), 5.0), "deg"),
+        }
     return raw
 
 

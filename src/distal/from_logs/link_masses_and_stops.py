@@ -263,7 +263,7 @@ def _equations(
 class JointBalance:
     """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad], inertia I
     [kg m²] and friction f [N m] of a joint, 0 where the logs do not show them. The logs show that
-    inertia is at most `most_inertia`.
+    inertia is at most `most_inertia`, and clearly that there is a spring where `has_spring`.
     """
 
     stiffness: float = 0.0
@@ -272,6 +272,7 @@ class JointBalance:
     inertia: float = 0.0
     friction: float = 0.0
     most_inertia: float = inf
+    has_spring: bool = False
 
 
 def joint_balance(
@@ -310,7 +311,9 @@ def joint_balance(
     stiffness, offset = (coefficients if clear[2:4].any() else plain)[:2].tolist()
     damping, inertia, friction = shown[2:].tolist()
     most_inertia = float(max(coefficients[3], 0.0) + WITHIN * stds[3])
-    return JointBalance(stiffness, offset, damping, inertia, friction, most_inertia)
+    return JointBalance(
+        stiffness, offset, damping, inertia, friction, most_inertia, bool(shown[0] > 0.0)
+    )
 
 
 def _terms(
