@@ -277,7 +277,8 @@ def found_drive(
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     per_turn = winding * lever / gear
     zero = per_turn * structure.zero
-    pretension = THRESHOLDS.share_of_pair * tension if is_pair else max(-zero * stiffness, 0.0)
+    # of a pair the least with which both stay taut at the usual difference of their tensions
+    pretension = tension / 2.0 if is_pair else max(-zero * stiffness, 0.0)
     usual = abs(structure.effort) * constant / lever if is_read else tension
     load = lever * (2.0 * pretension if is_pair else max(usual, tension / 2.0))
     friction = None

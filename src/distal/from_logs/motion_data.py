@@ -298,8 +298,6 @@ class THRESHOLDS:
             spool and pulley are taken as alike [1].
         usual_stiffness: least and largest stiffness of a usual tendon, of a braided line and of a
             short steel rope [N/m].
-        share_of_pair: pre-tension of two tendons on one spool per usual difference of their
-            tensions [1]; both stay taut above a half.
         start_std: least standard deviation of the angle at which logs begin [deg].
         zero_std: least standard deviation of the zero of a drive with two tendons [rad].
     """
@@ -318,7 +316,6 @@ class THRESHOLDS:
     joints_at_once = 5
     largest_ratio = 4.0
     usual_stiffness = (2e3, 2e5)
-    share_of_pair = 1.5
     start_std = 3.0
     zero_std = 0.01
 
