@@ -186,7 +186,8 @@ class FoundDrive:
         stiffness: of a tendon [N/m].
         stiffness_std: as a share; 0 where the logs do not know it.
         tension: usual tension [N].
-        pretension: at zero angles and zero position [N].
+        pretension: at zero angles and zero position [N]; of a pair, which no log tells it of, the
+            least with which both tendons stay taut at their usual difference.
         slack: there [m], 0 where the tendon is taut.
         zero_spread: standard deviation of the drive's zero between logs, at the tendon [m].
         stiffening: of a tendon whose curve the logs show [1/m], else 0.
@@ -277,7 +278,6 @@ def found_drive(
     tension = float(np.quantile(np.abs(pulls), 0.9)) / lever if is_read else 10.0
     per_turn = winding * lever / gear
     zero = per_turn * structure.zero
-    # of a pair the least with which both stay taut at the usual difference of their tensions
     pretension = tension / 2.0 if is_pair else max(-zero * stiffness, 0.0)
     usual = abs(structure.effort) * constant / lever if is_read else tension
     load = lever * (2.0 * pretension if is_pair else max(usual, tension / 2.0))
