@@ -53,6 +53,11 @@ from distal.rig.hand_tables import ASSUMED
 from distal.rig.plausibility import USUAL
 from distal.units import to_si
 
+LOAD_OF_PAIR = 3.0
+"""Sum of the tensions of a pair per their usual difference by which its friction is shared out [1].
+Source: benchmark (python -m benchmarks.learned plants: with 1 a wrist errs by 1.3 times as much).
+"""
+
 
 @dataclass(frozen=True)
 class DriveFriction:
@@ -280,7 +285,7 @@ def found_drive(
     zero = per_turn * structure.zero
     pretension = tension / 2.0 if is_pair else max(-zero * stiffness, 0.0)
     usual = abs(structure.effort) * constant / lever if is_read else tension
-    load = lever * (2.0 * pretension if is_pair else max(usual, tension / 2.0))
+    load = lever * (LOAD_OF_PAIR * tension if is_pair else max(usual, tension / 2.0))
     friction = None
     if is_read:
         per_speed = effort_sign * constant * gear
