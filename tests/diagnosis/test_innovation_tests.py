@@ -37,8 +37,9 @@ def made(
     """
     k = 1000
     variances = np.tile([1e-4, std**2, 1e-4], (k, 1))
-    variances[0, 2] = 1.0
+    variances[0, 1:] = 0.01, 1.0
     means = np.tile([0.0, end, friction], (k, 1))
+    means[0] = 0.0, 1.0, 0.0
     means[:, 0] = np.deg2rad(turn) * np.linspace(-0.5, 0.5, k)
     return Estimate(
         "adaptive",
