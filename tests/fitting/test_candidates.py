@@ -50,6 +50,7 @@ def test_each_log_has_a_score_of_every_way(others: list[Log], alone: Fit) -> Non
     names = {WRITTEN, REGRESSION, AS_GIVEN, BY_EQUATIONS, *YARDSTICKS}
     assert [one.log for one in alone.compared] == [log.source for log in others]
     assert alone.candidates[0].error == min(each.error for each in alone.candidates)
+    assert {*alone.maps} == {"filter", "readings"}
     for one in alone.compared:
         assert names <= set(one.scores)
         assert all(score is not None and score.rms > 0.0 for score in one.scores.values())
