@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal.from_logs import rig_from_logs
-from tests.from_logs.logs import Floats, written
+from tests.from_logs.logs import Floats, drafted
 
 RATE = 200.0
 ARM = 8e-3
@@ -67,7 +66,7 @@ def without_forces(log: dict[str, Floats]) -> dict[str, Floats]:
 
 def stops_found(logs: list[dict[str, Floats]], folder: Path) -> tuple[float, float] | None:
     """Return the stops of the joint [deg]; that its upper one is a guess is said."""
-    found = rig_from_logs(written(logs, folder))
+    found = drafted(logs, folder)
     stops = found.rig.joints[0].stops
     assert ("the upper stop of a joint" in found.guesses) == (stops is not None)
     return None if stops is None else (np.rad2deg(stops[0]), np.rad2deg(stops[1]))

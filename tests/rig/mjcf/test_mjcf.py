@@ -19,7 +19,7 @@ from distal.rig import (
     from_mujoco,
     parse_toml,
 )
-from distal.rig.mjcf_bodies import _fitted, carried_by, fit_excursion, parent_of
+from distal.rig.mjcf_bodies import _as_spring, _fitted, carried_by, fit_excursion, parent_of
 from tests.helpers import finite_difference
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
@@ -291,6 +291,16 @@ def test_what_is_no_model_is_one_line(tmp_path: Path) -> None:
         RigError, match=r"takes a mujoco\.MjModel or the path of its file, int came"
     ):
         from_mujoco(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("pull", [0.3, -0.3])
+def test_a_constant_pull_is_a_weak_spring_far_away(pull: float) -> None:
+    """It changes by 1 % over the range."""
+    angles = np.linspace(-0.4, 1.1, 50)
+    weak = _as_spring(angles, np.full(50, pull))
+    torque = -weak["stiffness"] * (angles - weak["rest_angle"])
+    assert torque[25] == pytest.approx(pull, rel=1e-3)
+    assert np.ptp(torque) == pytest.approx(0.01 * abs(pull), rel=1e-6)
 
 
 TREE = """<mujoco><worldbody>
