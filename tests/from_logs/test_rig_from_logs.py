@@ -52,22 +52,14 @@ def test_a_column_that_counts_the_other_way_in_all_logs_gets_a_sign(
     assert list(arms_of(rig)["b"].values()) == pytest.approx(ARMS[1], rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        "{}_servo_load [%]",
-        pytest.param("{}_load_pct", marks=pytest.mark.more),
-        pytest.param("{}_present_load", marks=pytest.mark.more),
-    ],
-)
-def test_an_effort_of_no_scale_is_used_with_an_assumed_one(header: str, tmp_path: Path) -> None:
+def test_an_effort_of_no_scale_is_used_with_an_assumed_one(tmp_path: Path) -> None:
     """The log is read by the rig that comes of it, and efforts count as what a register holds."""
     logs = []
     for k in range(3):
         log = finger(k)
         for name in "abc":
             log[f"m_{name} [ticks]"] = np.round(4096.0 * log.pop(f"x_{name}_mm") / 31.4)
-            log[header.format(name)] = np.round(5.0 * log.pop(f"F_{name}"), 1)
+            log[f"{name}_servo_load [%]"] = np.round(5.0 * log.pop(f"F_{name}"), 1)
         logs.append(log)
     paths = written(logs, tmp_path)
     found = rig_from_logs(paths)
@@ -75,7 +67,7 @@ def test_an_effort_of_no_scale_is_used_with_an_assumed_one(header: str, tmp_path
     assert sum("of an assumed scale" in column.in_words for column in found.columns) == 3
     read = distal.read_log(paths[0], found.rig)
     (sensor,) = (s for s in found.rig.sensors if s.of == "a" and s.measures == "force")
-    expected = logs[0][header.format("a")] * sensor.torque_constant
+    expected = logs[0]["a_servo_load [%]"] * sensor.torque_constant
     np.testing.assert_allclose(np.abs(read.channels[sensor.name]), np.abs(expected))
 
 
