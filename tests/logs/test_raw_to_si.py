@@ -93,6 +93,7 @@ def negative(logged: Floats, change: Callable[[Floats], Floats], *columns: int) 
     return result
 
 
+TURN_OFF = 4096 * (1.0 * np.isin(ROWS, [640]) - np.isin(ROWS, [200, 201]))
 DECODED: dict[str, Callable[[Floats], Floats]] = {
     "16 bits without a sign": lambda logged: negative(logged, lambda x: x + 2**16, 0, 1),
     "32 bits without a sign": lambda logged: negative(logged, lambda x: x + 2**32, 0, 1),
@@ -102,8 +103,8 @@ DECODED: dict[str, Callable[[Floats], Floats]] = {
     "half a turn either way": lambda logged: np.column_stack(
         [(logged[:, 0] + 2048) % 4096 - 2048, logged[:, 1]]
     ),
-    # a servo's driver reads −1 as −4096; two in a row are no motion either
-    "a turn off": lambda logged: logged - 4096 * np.outer(np.isin(ROWS, [200, 201, 640]), [1, 0]),
+    # a servo's driver reads −1 as −4096, and 1 as 4097; two in a row are no motion either
+    "a turn off": lambda logged: logged + np.outer(TURN_OFF, [1, 0]),
 }
 
 
