@@ -213,6 +213,12 @@ def test_a_column_wraps_after_a_turn_that_is_seen(turn: float, wraps: bool) -> N
     assert found.turn == (turn if wraps else None)
 
 
+def test_columns_whose_names_say_nothing_stay_a_guess() -> None:
+    names = {"t_ms": "c0", "x_a_mm": "a0", "x_b_mm": "a1", "mcp_deg": "d0", "pip_deg": "d1"}
+    logs = [{name: finger(k)[old] for old, name in names.items()} for k in range(2)]
+    assert {c.sureness for c in taken(*logs).values() if c.role != "time"} == {"a guess"}
+
+
 def test_what_a_user_says_overrules() -> None:
     said = Overrides(truth=("x_a_mm",), drives={"mcp_deg": "deg"}, ignore=("F_b",))
     found = taken(finger(3), said=said)
