@@ -100,8 +100,7 @@ def test_the_report_is_g_p_g_plus_u() -> None:
 
 
 def test_two_maps_are_independent_of_each_other() -> None:
-    blocks = [np.array([[1.0, 0.5], [0.5, 1.0]]), np.ones((1, 1))]
-    report = Report.behind(0, [[0, 1], [2]], blocks)
+    report = Report.behind(0, [[0, 1], [2]], [np.array([[1.0, 0.5], [0.5, 1.0]]), np.ones((1, 1))])
     np.testing.assert_allclose(report.correlation, [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]])
 
 

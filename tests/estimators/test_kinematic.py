@@ -64,10 +64,3 @@ def test_a_lost_sensor_leaves_the_other_tendon(pulley_rig: Rig) -> None:
     result = estimate(still_log(x1=x), rig, "inextensible")
     assert result.state_names == ("theta", "tendon_angle_left")
     np.testing.assert_allclose(result.theta, x / 9.53e-3, rtol=1e-12)
-
-
-def test_a_gain_counts_from_the_first_sample_on(pulley_rig: Rig) -> None:
-    """A load cell that reads 25 % too much and says so: a pull that stays stretches nothing."""
-    rig = pulley_rig.with_values({"sensors.u1.gain": 1.25})
-    result = estimate(still_log(u1=np.full(50, 5.0)), rig, "elastic")
-    assert np.abs(result.theta).max() < 1e-12

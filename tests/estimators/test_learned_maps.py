@@ -81,16 +81,14 @@ def test_the_reported_angle_is_the_filters_and_the_maps(plain: Rig, log: Log) ->
     np.testing.assert_allclose(found.means[:, 1:], states[:, 1:n], atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["adaptive", "regression"])
-def test_sample_by_sample_live_and_in_a_batch(rig: Rig, log: Log, name: str) -> None:
-    whole = estimate(log, rig, name)
-    live, said = LiveEstimator(rig, make_estimator(name, rig)), []
+def test_sample_by_sample_live_and_in_a_batch(rig: Rig, log: Log) -> None:
+    whole, live, said = estimate(log, rig), LiveEstimator(rig), []
     for time, sample in zip(log.time, samples_of(log, live.channels)):
         live.step(time, sample)
         said.append((live.angle, live.angle_stds[0]))
     expected = np.column_stack([whole.angles, whole.angle_stds])
     np.testing.assert_allclose(said, expected, rtol=1e-9, atol=1e-12)
-    (other, *_) = estimate_batch([log, log, log], rig, name)
+    (other, *_) = estimate_batch([log, log, log], rig)
     np.testing.assert_allclose(other.angles, whole.angles, atol=1e-12)
 
 

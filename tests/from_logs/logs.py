@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
+from distal.from_logs import RigFromLogs, rig_from_logs
 
 RATE = 100.0
 SECONDS = 20.0
@@ -53,6 +53,11 @@ def finger(
     return columns
 
 
+def fingers() -> list[dict[str, Floats]]:
+    """Return three logs of the finger."""
+    return [finger(seed) for seed in range(3)]
+
+
 def write(columns: Mapping[str, Floats], path: Path) -> Path:
     """Write a log as CSV, and return its path."""
     table = np.column_stack(list(columns.values()))
@@ -63,3 +68,8 @@ def write(columns: Mapping[str, Floats], path: Path) -> Path:
 def written(logs: Sequence[Mapping[str, Floats]], folder: Path) -> list[Path]:
     """Write several logs to a folder, and return their paths."""
     return [write(columns, folder / f"run_{k}.csv") for k, columns in enumerate(logs)]
+
+
+def drafted(logs: Sequence[Mapping[str, Floats]], folder: Path) -> RigFromLogs:
+    """Return the rig that is drafted from logs, which are written to a folder."""
+    return rig_from_logs(written(logs, folder))

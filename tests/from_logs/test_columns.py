@@ -1,5 +1,7 @@
 """What columns are, by their names, units and values."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from distal.errors import LogError
 from distal.from_logs.column_names import ROLES, _step, name_evidence, value_evidence, with_families
 from distal.from_logs.motion_data import RawLog
 from distal.from_logs.rig_from_logs import Overrides, column_roles
-from tests.from_logs.logs import finger
+from tests.from_logs.logs import Floats, finger
 
 NO_OVERRIDES = Overrides(drives={})
 
@@ -51,6 +53,11 @@ NO_OVERRIDES = Overrides(drives={})
         ("proximal tendon [mm]", "position", "mm", "proximal"),
         ("Motorwinkel_2/°", "position", "deg", "2"),
         ("τ1", "effort", None, "1"),
+        ("θ2 [deg]", "angle", "deg", "2"),
+        ("joint1_velocity [deg/s]", "other", None, "1"),
+        ("F_a [grams]", "effort", "gf", "a"),
+        ("observation.state.motor_position_deg", "position", "deg", ""),
+        ("action.finger_deg", "command", "deg", "finger"),
     ],
 )
 def test_a_name_says_role_unit_and_whose_it_is(
@@ -64,9 +71,14 @@ def test_a_name_says_role_unit_and_whose_it_is(
         assert found.subject == subject
 
 
+def taken(*logs: dict[str, Floats], said: Overrides = NO_OVERRIDES) -> dict[str, Any]:
+    """Return what the columns of logs are taken for, by their headers."""
+    raw = [RawLog(f"{k}", columns) for k, columns in enumerate(logs)]
+    return {column.header: column for column in column_roles(raw, said)}
+
+
 def test_a_finger_is_read_without_a_rig() -> None:
-    logs = [RawLog(f"{k}", finger(k)) for k in range(2)]
-    found = {c.header: c for c in column_roles(logs, NO_OVERRIDES)}
+    found = taken(finger(0), finger(1))
     assert found["t_ms"].role == "time"
     assert [found[f"x_{n}_mm"].role for n in "abc"] == ["position"] * 3
     assert [found[f"F_{n}"].role for n in "abc"] == ["effort"] * 3
@@ -81,7 +93,7 @@ def test_current_by_size_alone_is_a_guess_and_said() -> None:
     columns = finger(1)
     columns["current_a"] = columns.pop("F_a") * 40.0
     columns["motor_a_deg"] = columns.pop("x_a_mm") * 10.0
-    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    found = taken(columns)
     assert found["current_a"].unit == "mA"
     assert "mA (a guess)" in found["current_a"].in_words
 
@@ -90,7 +102,7 @@ def test_a_current_of_a_drive_in_a_line_is_a_force_of_a_taken_scale() -> None:
     columns = finger(1)
     columns["cur_a_mA"] = columns.pop("F_a") * 40.0
     columns["F_b [mA]"] = columns.pop("F_b") * 40.0
-    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    found = taken(columns)
     assert (found["cur_a_mA"].role, found["cur_a_mA"].unit) == ("effort", "cN")
     assert found["F_b [mA]"].role == "other"  # its header says what a slider's sensor cannot read
 
@@ -101,7 +113,7 @@ def test_columns_whose_names_say_nothing_are_passed_over_beside_named_ones() -> 
     position = columns["x_a_mm"]
     columns["y_a"] = np.concatenate([position[10:], np.full(10, position[-1])])
     columns["y_b [wibble]"] = 2.0 * columns["y_a"]
-    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    found = taken(columns)
     assert found["x_a_mm"].role == "position"
     assert found["y_a"].role == "command"
     assert found["y_b [wibble]"].role == "other"
@@ -121,11 +133,11 @@ def test_a_joint_that_goes_ahead_of_another_is_no_command_of_it(names: str) -> N
     del columns["pip_deg"]
     late = np.concatenate([np.full(10, first[0]), first[:-10]])
     columns |= dict(zip(names.split(), (first, late)))
-    found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
-    assert {found[name] for name in names.split()} == {"angle"}
+    found = taken(columns)
+    assert {found[name].role for name in names.split()} == {"angle"}
 
 
-def polish(seed: int) -> dict[str, np.ndarray]:
+def polish(seed: int) -> dict[str, Floats]:
     """Two motors and two joints in a language that no list has: angle, set angle and current of a
     motor (silnik), and the angle of a joint (staw).
     """
@@ -146,8 +158,7 @@ def polish(seed: int) -> dict[str, np.ndarray]:
 
 
 def test_families_and_values_say_what_no_list_of_words_does() -> None:
-    logs = [RawLog(f"{seed}", polish(seed)) for seed in range(3)]
-    found = {c.header: c.role for c in column_roles(logs, NO_OVERRIDES)}
+    found = {name: column.role for name, column in taken(*map(polish, range(3))).items()}
     for k in (1, 2):
         assert found[f"kat_silnika_{k}_deg"] == "position"
         assert found[f"kat_zadany_silnika_{k}_deg"] == "command"
@@ -166,9 +177,9 @@ def test_what_goes_as_another_columns_speed_is_no_position() -> None:
         "kat_stawu_1_deg": "joint1_deg",
     }
     columns |= {name: polish(1)[header] for header, name in names.items()}
-    found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
-    assert found["motor1_a"] == "position"
-    assert found["motor1_w"] == "other"
+    found = taken(columns)
+    assert found["motor1_a"].role == "position"
+    assert found["motor1_w"].role == "other"
 
 
 @pytest.mark.parametrize("others", ["position", "angle"])
@@ -179,7 +190,7 @@ def test_an_encoder_of_a_finger_is_what_the_other_names_leave(others: str) -> No
     columns["encoder_mcp"] = columns.pop(changed)
     kept = {n: c for n, c in columns.items() if (n[0] in "xF") == (left[0] in "xF") or n == "t_ms"}
     kept["encoder_mcp"] = columns["encoder_mcp"]
-    found = {c.header: c for c in column_roles([RawLog("one", kept)], NO_OVERRIDES)}
+    found = taken(kept)
     assert found["encoder_mcp"].role == {"position": "angle", "angle": "position"}[others]
     assert found["encoder_mcp"].sureness != "a guess"
 
@@ -190,7 +201,7 @@ def test_angles_without_a_unit_have_that_of_the_widest(wide: float) -> None:
     columns = finger(2)
     columns["mcp"] = columns.pop("mcp_deg")
     columns["pip"] = columns.pop("pip_deg") * wide / 30.0
-    found = {c.header: c for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
+    found = taken(columns)
     assert found["mcp"].unit == found["pip"].unit == "deg"
 
 
@@ -202,29 +213,34 @@ def test_a_column_wraps_after_a_turn_that_is_seen(turn: float, wraps: bool) -> N
     assert found.turn == (turn if wraps else None)
 
 
+def test_columns_whose_names_say_nothing_stay_a_guess() -> None:
+    names = {"t_ms": "c0", "x_a_mm": "a0", "x_b_mm": "a1", "mcp_deg": "d0", "pip_deg": "d1"}
+    logs = [{name: finger(k)[old] for old, name in names.items()} for k in range(2)]
+    assert {c.sureness for c in taken(*logs).values() if c.role != "time"} == {"a guess"}
+
+
 def test_what_a_user_says_overrules() -> None:
-    logs = [RawLog("one", finger(3))]
     said = Overrides(truth=("x_a_mm",), drives={"mcp_deg": "deg"}, ignore=("F_b",))
-    found = {c.header: c for c in column_roles(logs, said)}
+    found = taken(finger(3), said=said)
     assert found["x_a_mm"].role == "angle"
     assert found["mcp_deg"].role == "position"
     assert found["F_b"].role == "other"
     with pytest.raises(LogError, match=r"no column 'x_a_m'.*x_a_mm"):
-        column_roles(logs, Overrides(truth=("x_a_m",), drives={}))
+        taken(finger(3), said=Overrides(truth=("x_a_m",), drives={}))
 
 
 def test_without_a_time_it_says_so() -> None:
     columns = finger(4)
     columns["t_ms"] = np.random.default_rng(0).normal(size=len(columns["t_ms"]))
-    with pytest.raises(LogError, match=r"one: 't_ms' goes back after sample \d+"):
-        column_roles([RawLog("one", columns)], NO_OVERRIDES)
+    with pytest.raises(LogError, match=r"'t_ms' goes back after sample \d+"):
+        taken(columns)
     columns["column"] = columns.pop("t_ms")
     columns["dones"] = np.append(np.zeros(len(columns["column"]) - 1), 1.0)  # ends an episode
     with pytest.raises(LogError, match="none is the time"):
-        column_roles([RawLog("one", columns)], NO_OVERRIDES)
+        taken(columns)
     columns["sample"] = np.arange(len(columns["column"]), dtype=float)
     with pytest.raises(LogError, match="'sample' counts rows"):
-        column_roles([RawLog("one", columns)], NO_OVERRIDES)
+        taken(columns)
 
 
 def test_a_second_column_called_a_time_may_be_anything() -> None:
@@ -232,15 +248,9 @@ def test_a_second_column_called_a_time_may_be_anything() -> None:
     columns = finger(4)
     gaps = np.arange(len(columns["t_ms"])) % 5 > 0
     columns["/scan.time_increment"] = np.where(gaps, np.nan, 1e-3)
-    found = {c.header: c.role for c in column_roles([RawLog("one", columns)], NO_OVERRIDES)}
-    assert found["t_ms"] == "time"
-    assert found["/scan.time_increment"] == "other"
-
-
-def test_words_of_datasets_name_no_drive() -> None:
-    assert name_evidence("observation.state.motor_position_deg").subject == ""
-    found = name_evidence("action.finger_deg")
-    assert max(found.scores, key=lambda each: found.scores[each]) == "command"
+    found = taken(columns)
+    assert found["t_ms"].role == "time"
+    assert found["/scan.time_increment"].role == "other"
 
 
 @pytest.mark.parametrize(
@@ -250,21 +260,9 @@ def test_words_of_datasets_name_no_drive() -> None:
 def test_the_unit_of_an_effort_without_one_is_that_of_its_word(header: str, unit: str) -> None:
     columns = finger(1)
     columns[header] = columns.pop("F_a") / 10.0
-    found = {c.header: c for c in column_roles([RawLog("1", columns)], NO_OVERRIDES)}
+    found = taken(columns)
     assert found[header].role == "effort"
     assert found[header].unit == {"A": "daN"}.get(unit, unit)  # of a drive in a line: a force
-
-
-def test_columns_whose_names_say_nothing_stay_a_guess() -> None:
-    logs = []
-    for k in range(2):
-        log = finger(k)
-        columns = {"c0": log["t_ms"]}
-        columns |= {f"d{j}": log[f"{n}_deg"] for j, n in enumerate(("mcp", "pip"))}
-        columns |= {f"a{d}": log[f"x_{n}_mm"] for d, n in enumerate("abc")}
-        logs.append(RawLog(f"{k}", columns))
-    found = column_roles(logs, NO_OVERRIDES)
-    assert {c.sureness for c in found if c.role != "time"} == {"a guess"}
 
 
 @pytest.mark.parametrize(
@@ -312,8 +310,8 @@ def test_where_a_user_names_some_the_others_are_none() -> None:
     """Unless their own names say so: here they say nothing of any column."""
     names = {"p1": 0.0, "p2": 1.0, "r1": 2.0, "a1": 3.0}
     time = np.arange(0.0, 5.0, 0.02)
-    log = RawLog("log", {"t": time} | {n: np.sin(time + k) for n, k in names.items()})
+    log = {"t": time} | {n: np.sin(time + k) for n, k in names.items()}
     said = Overrides(truth=("a1",), drives={"p1": "rad", "p2": "rad"})
-    roles = {column.header: column.role for column in column_roles([log], said)}
+    roles = {name: column.role for name, column in taken(log, said=said).items()}
     assert roles.pop("r1") not in ("position", "angle")
     assert roles == {"t": "time", "p1": "position", "p2": "position", "a1": "angle"}

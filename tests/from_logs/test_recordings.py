@@ -25,28 +25,23 @@ def bag(columns: Mapping[str, Floats], folder: Path) -> Path:
     forces = np.column_stack([columns[f"F_{name}"] for name in MOTORS])
     angles = np.deg2rad(np.column_stack([columns[f"{name}_deg"] for name in JOINTS]))
     stamps = [round(1.7e18 + ms * 1e6) for ms in columns["t_ms"]]
-    rows = list(zip(stamps, positions, forces, angles))
+    rows = list(zip(stamps, positions, forces, angles))[::2]
     motors = [("/motors", at, at, MOTORS, position, force) for at, position, force, _ in rows]
     references = [("/reference", at, at, JOINTS, angle, []) for at, _, _, angle in rows]
     return write_bag(folder, [*motors, *references])
-
-
-def test_columns_of_a_bag_are_named_as_the_reader_names_them(tmp_path: Path) -> None:
-    path = bag(finger(0), tmp_path / "run")
-    expected = [f"/motors[{name}].{field}" for field in ("position", "effort") for name in MOTORS]
-    expected += [f"/reference[{name}].position" for name in JOINTS]
-    assert sorted(recorded_columns(path)) == sorted(expected)
 
 
 def test_a_rig_from_bags_reads_these_bags(tmp_path: Path) -> None:
     paths = [bag(finger(k), tmp_path / f"run_{k}") for k in range(3)]
     drives = {f"/motors[{name}].position": "m" for name in MOTORS}
     truth = [f"/reference[{name}].position" for name in JOINTS]
+    efforts = [f"/motors[{name}].effort" for name in MOTORS]
+    assert sorted(recorded_columns(paths[0])) == sorted([*drives, *efforts, *truth])
     found = rig_from_logs(paths, truth=truth, drives=drives)
     assert len(found.rig.drives) == 3
     assert len(found.rig.joints) == 2
     log = read_log(paths[0], found.rig)
-    assert len(log) == len(finger(0)["t_ms"])
+    assert len(log) == len(finger(0)["t_ms"]) / 2
     angles = np.column_stack([log.truth[f"theta_{name}"] for name in found.rig.joint_names])
     expected = np.deg2rad(np.column_stack([finger(0)[f"{name}_deg"] for name in JOINTS]))
     np.testing.assert_allclose(np.sort(angles[0]), np.sort(expected[0]), atol=1e-9)
@@ -55,7 +50,7 @@ def test_a_rig_from_bags_reads_these_bags(tmp_path: Path) -> None:
 def mcap(columns: Mapping[str, Floats], path: Path) -> Path:
     """Write an MCAP file of JSON messages with nested fields."""
     recorder = Recorder(path)
-    for k, ms in enumerate(columns["t_ms"]):
+    for k, ms in list(enumerate(columns["t_ms"]))[::2]:
         content = {"timestamp": 1.7e9 + 1e-3 * ms, "is_on": True, "mode": "idle"}
         content |= {name: float(values[k]) for name, values in columns.items() if name != "t_ms"}
         recorder.add("/hand", 1e-3 * ms, {**content, "cells": [float(columns["F_a"][k])] * 100})

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal.from_logs import rig_from_logs
 from distal.from_logs.motion_data import smoothed, window_of
 from distal.rig import Capstan, step_of
-from tests.from_logs.logs import RATE, Floats, written
+from tests.from_logs.logs import RATE, Floats, drafted
 
 ARM = 8e-3
 STIFFNESS = 5e3
@@ -63,7 +62,7 @@ def test_friction_at_rest_does_not_make_tendons_stiffer(tmp_path: Path) -> None:
     """Over all samples the compliance would come out too small: read and true tension differ by
     up to 3 N at rest.
     """
-    rig = rig_from_logs(written([pair(k, 3.0, 0.0, 0.0) for k in range(3)], tmp_path)).rig
+    rig = drafted([pair(k, 3.0, 0.0, 0.0) for k in range(3)], tmp_path).rig
     for tendon, drive in zip(rig.tendons, rig.drives):
         assert tendon.stiffness.value == pytest.approx(STIFFNESS, rel=0.05)
         assert tendon.stiffening.value == 0.0
@@ -78,7 +77,7 @@ def test_friction_at_rest_does_not_make_tendons_stiffer(tmp_path: Path) -> None:
 def test_noise_of_forces_does_not_make_tendons_stiffer(tmp_path: Path) -> None:
     """With the force among the causes, they would come out 15 % too stiff, and slack by 0.3 mm."""
     logs = [pair(k, 0.2, 0.0, 0.0, noise=1.5) for k in range(3)]
-    rig = rig_from_logs(written(logs, tmp_path)).rig
+    rig = drafted(logs, tmp_path).rig
     for tendon in rig.tendons:
         assert tendon.stiffness.value == pytest.approx(STIFFNESS, rel=0.04)
         slack = tendon.slack.value - tendon.pretension.value / STIFFNESS
@@ -86,7 +85,7 @@ def test_noise_of_forces_does_not_make_tendons_stiffer(tmp_path: Path) -> None:
 
 
 def test_friction_that_grows_with_the_load_and_a_tendon_that_stiffens(tmp_path: Path) -> None:
-    rig = rig_from_logs(written([pair(k, 0.2, 0.1, 200.0, 2.0) for k in range(3)], tmp_path)).rig
+    rig = drafted([pair(k, 0.2, 0.1, 200.0, 2.0) for k in range(3)], tmp_path).rig
     for tendon, drive in zip(rig.tendons, rig.drives):
         assert drive.friction.load.value == pytest.approx(0.1, rel=0.15)
         assert drive.friction.constant.value < 0.4
@@ -99,6 +98,16 @@ def test_friction_that_grows_with_the_load_and_a_tendon_that_stiffens(tmp_path: 
 
 LENGTH = 0.04
 CENTRE = 2.0 * LENGTH / 3.0
+
+
+def waves(rng: np.random.Generator, time: Floats) -> Floats:
+    """Return an angle of four sines of 1 to 4 Hz, its speed and its acceleration, (3, k)."""
+    found = np.zeros((3, len(time)))
+    for rate in rng.uniform(1.0, 4.0, 4):
+        phase, w = rng.uniform(0, 6.28), 2.0 * np.pi * rate
+        sine = 0.12 * np.sin(w * time + phase)
+        found += sine, 0.12 * w * np.cos(w * time + phase), -(w**2) * sine
+    return found
 
 
 def chain(
@@ -116,13 +125,7 @@ def chain(
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 1.0 / 200.0)
-    q, v, a = np.zeros((3, 2, len(time)))
-    for j in range(2):
-        for rate in rng.uniform(1.0, 4.0, 4):
-            phase, size, w = rng.uniform(0, 6.28), 0.12, 2.0 * np.pi * rate
-            q[j] += size * np.sin(w * time + phase)
-            v[j] += size * w * np.cos(w * time + phase)
-            a[j] -= size * w**2 * np.sin(w * time + phase)
+    q, v, a = np.stack([waves(rng, time), waves(rng, time)], axis=1)
     one, two = masses
     cos, sin = np.cos(q[1]), np.sin(q[1])
     both = two * LENGTH * CENTRE
@@ -156,7 +159,7 @@ def test_joints_whose_tendons_pass_over_others_are_in_series(tmp_path: Path, las
     logs = [chain(k, (0.012, 0.02)) for k in range(3)]
     for log in logs:
         log[last] = log.pop(last)
-    mcp, pip = rig_from_logs(written(logs, tmp_path)).rig.joints
+    mcp, pip = drafted(logs, tmp_path).rig.joints
     assert (mcp.name, pip.name) == ("mcp", "pip")
     assert (mcp.parent, pip.parent) == ("base", "mcp")
     assert mcp.link is not None
@@ -170,22 +173,20 @@ def test_joints_whose_tendons_pass_over_others_are_in_series(tmp_path: Path, las
 def test_weight_shows_which_way_gravity_points(tmp_path: Path, tare: float) -> None:
     """Also where two cells read 3 N too little, which is no weight."""
     logs = [chain(k, (0.03, 0.03), (2.0, -9.0), tare=tare) for k in range(3)]
-    along_x, across, along_z = rig_from_logs(written(logs, tmp_path)).rig.base.gravity
+    along_x, across, along_z = drafted(logs, tmp_path).rig.base.gravity
     assert across == 0.0
     assert (along_x, along_z) == pytest.approx((2.0, -9.0), abs=0.9)
 
 
 def test_logs_that_do_not_show_weight_leave_gravity_a_guess(tmp_path: Path) -> None:
-    found = rig_from_logs(written([chain(k, (0.03, 0.03)) for k in range(3)], tmp_path))
+    found = drafted([chain(k, (0.03, 0.03)) for k in range(3)], tmp_path)
     assert found.rig.base.gravity == (0.0, 0.0, 0.0)
     assert "which way gravity points" in found.guesses
 
 
 def test_friction_of_joints_beside_that_of_their_load(tmp_path: Path) -> None:
     """Four tendons of 8 N press the first joint's axle of 2 mm, two the second one's."""
-    rig = rig_from_logs(
-        written([chain(k, (0.02, 0.02), friction=8e-3) for k in range(3)], tmp_path)
-    )
+    rig = drafted([chain(k, (0.02, 0.02), friction=8e-3) for k in range(3)], tmp_path)
     for joint, load in zip(rig.rig.joints, (32.0, 16.0)):
         assert joint.friction is not None
         torque = joint.friction.coefficient.value * joint.friction.radius.value * load
@@ -196,14 +197,14 @@ def test_light_links_are_left_out_where_slow_logs_do_not_tell_their_masses(tmp_p
     logs = [chain(k, (0.0, 0.0)) for k in range(3)]
     for log in logs:
         log["time_s"] = 20.0 * log["time_s"]
-    rig = rig_from_logs(written(logs, tmp_path)).rig
+    rig = drafted(logs, tmp_path).rig
     assert all(joint.link is None for joint in rig.joints)
 
 
 def test_inertias_that_no_joint_carries_for_another_are_no_links(tmp_path: Path) -> None:
     """An inertia of 3·10⁻⁵ kg m² is that of 40 g at 2/3 of 40 mm, which joints would carry."""
     logs = [chain(k, (0.0, 0.0), own=3e-5) for k in range(3)]
-    rig = rig_from_logs(written(logs, tmp_path)).rig
+    rig = drafted(logs, tmp_path).rig
     for joint in rig.joints:
         assert joint.link is None
         assert joint.inertia.value == pytest.approx(3e-5, rel=0.15)
@@ -218,12 +219,7 @@ def motor_and_joint(
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 1.0 / 200.0)
-    angle, speed, acceleration = np.zeros((3, len(time)))
-    for rate in rng.uniform(1.0, 4.0, 4):
-        phase, w = rng.uniform(0, 6.28), 2.0 * np.pi * rate
-        angle += 0.12 * np.sin(w * time + phase)
-        speed += 0.12 * w * np.cos(w * time + phase)
-        acceleration -= 0.12 * w**2 * np.sin(w * time + phase)
+    angle, speed, acceleration = waves(rng, time)
     torque = inertia * acceleration + 5e-3 * np.sign(speed) + load + spring * angle
     turned = (5.0 * angle + torque / 5e-3 / (2.0 * 1.5e4) * 1e3) / 6.0
     turning = np.gradient(turned, time)
@@ -245,7 +241,7 @@ def test_the_inertia_and_damping_of_a_motor_are_not_the_joints(tmp_path: Path, w
     logs = [motor_and_joint(k, inertia=4e-6, rotor=2e-5) for k in range(3)]
     for log in logs:
         log["tau_m_Nm"] = way * log["tau_m_Nm"]
-    rig = rig_from_logs(written(logs, tmp_path)).rig
+    rig = drafted(logs, tmp_path).rig
     (drive,) = rig.drives
     assert isinstance(drive, Capstan)
     assert drive.inertia.value == pytest.approx(2e-5, rel=0.2)
@@ -261,7 +257,7 @@ def test_damping_that_a_current_shows_is_not_the_drives_alone(
     logs = [motor_and_joint(k, inertia=4e-6, rotor=2e-5) for k in range(3)]
     for log in logs:
         log[column] = log.pop("tau_m_Nm")
-    found = rig_from_logs(written(logs, tmp_path))
+    found = drafted(logs, tmp_path)
     assert ("damping of motors" in found.guesses) == guessed
 
 
@@ -274,7 +270,7 @@ def test_a_drive_that_pulls_both_ways_has_two_tendons(
     efforts = np.concatenate([log["tau_m_Nm"] for log in logs])
     low, high = np.quantile(efforts, [0.05, 0.95])
     assert (-0.15 < low / high < -0.07) == (count == 2)
-    tendons = rig_from_logs(written(logs, tmp_path)).rig.tendons
+    tendons = drafted(logs, tmp_path).rig.tendons
     assert len(tendons) == count
     if count == 2:  # the least with which both stay taut at nearly all of these efforts
         tense = np.quantile(np.abs(efforts), 0.9) / 8e-3 / 2.0
@@ -285,17 +281,17 @@ def test_a_joint_that_is_pulled_both_ways_has_a_spring_where_its_torque_shows_on
     tmp_path: Path,
 ) -> None:
     logs = [motor_and_joint(k, inertia=0.0, rotor=0.0, spring=0.02, load=2e-3) for k in range(3)]
-    spring = rig_from_logs(written(logs, tmp_path)).rig.joints[0].spring
+    spring = drafted(logs, tmp_path).rig.joints[0].spring
     assert spring is not None
     assert spring.stiffness.value == pytest.approx(0.02, rel=0.15)
     assert spring.rest_angle.value == pytest.approx(-0.1, rel=0.3)
     logs = [motor_and_joint(k, inertia=0.0, rotor=0.0) for k in range(3)]
-    assert rig_from_logs(written(logs, tmp_path)).rig.joints[0].spring is None
+    assert drafted(logs, tmp_path).rig.joints[0].spring is None
 
 
 def test_an_inertia_that_logs_do_not_show_is_as_small_as_they_show(tmp_path: Path) -> None:
     logs = [motor_and_joint(k, inertia=0.0, rotor=0.0) for k in range(3)]
-    joint = rig_from_logs(written(logs, tmp_path)).rig.joints[0]
+    joint = drafted(logs, tmp_path).rig.joints[0]
     assert 0.0 < joint.inertia.value < 2e-6
 
 
@@ -327,7 +323,7 @@ def test_a_position_that_stays_at_a_value_has_no_noise_at_rest(tmp_path: Path) -
     logs = [pair(k, 3.0, 0.0, 0.0) for k in range(3)]
     for log in logs:
         log["x_a_mm"][500:600] = log["x_a_mm"][500]
-    rig = rig_from_logs(written(logs, tmp_path)).rig
+    rig = drafted(logs, tmp_path).rig
     rests, moves = rig.sensors_of("position")
     assert rests.noise == pytest.approx(step_of(rests))
     assert moves.noise > 2.0 * step_of(moves)

@@ -13,7 +13,7 @@ import pytest
 
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, scenario_rig, simulate
 from distal.errors import DistalWarning, LogError
-from distal.logs import MessageReader, header, read_truth, write_columns, write_log
+from distal.logs import MessageReader, read_truth, write_columns, write_log
 from distal.logs.table_cells import name_and_unit
 
 
@@ -50,14 +50,6 @@ def check(read: Log, log: Log) -> None:
     np.testing.assert_allclose(read.time, log.time, atol=1e-12)
     for name in ("x1", "x2", "u1", "u2"):
         np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12, atol=1e-15)
-
-
-def test_a_header_is_name_and_unit() -> None:
-    assert header("theta", "rad") == "theta [rad]"
-    assert header("theta", "") == "theta"
-    assert name_and_unit("external_torque [N m]") == ("external_torque", "N m")
-    for plain in ("theta", "position[0]", "/joint_states[left_wrist].position", "[rad]"):
-        assert name_and_unit(plain) == (plain, None)
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "polars", "pandas"])

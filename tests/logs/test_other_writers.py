@@ -39,8 +39,7 @@ def read(tmp_path: Path, pulley_rig: Rig) -> Callable[..., Log]:
         remedy: object = "",
         **changed: Iterable[str],
     ) -> Log:
-        columns = {name: [f"{v:.7f}" for v in values] for name, values in zip(NAMES[1:], TABLE.T)}
-        rows = zip(stamps, *(columns | changed).values()) if stamps else zip(*columns.values())
+        rows = zip(stamps, *(COLUMNS | changed).values()) if stamps else zip(*COLUMNS.values())
         path = tmp_path / "log.csv"
         path.write_text("\n".join([*header, *map(separator.join, rows)]) + "\n")
         found = re.findall(r"--set '([\w.]+)=\"?([^\"']+)\"?'", str(remedy))
@@ -56,26 +55,22 @@ def check(log: Log, stamps: np.ndarray = TIME) -> None:
     np.testing.assert_allclose(log.channels["u2"], 4.0 - FORCE, atol=1e-6)
 
 
-TABLE = np.column_stack([POSITION, 4e-3 - POSITION, FORCE, 4.0 - FORCE])
+TABLE = (POSITION, 4e-3 - POSITION, FORCE, 4.0 - FORCE)
+COLUMNS = {name: [f"{v:.7f}" for v in values] for name, values in zip(NAMES[1:], TABLE)}
 
 
 @pytest.mark.parametrize("units", ["s;mm;m;N;N", "[s];[mm];[m];[N];[N]", "(s);(mm);-;(N);"])
 def test_units_below_the_header_and_decimal_commas(read, units: str) -> None:
-    columns = {
-        name: [f"{v:.7f}".replace(".", ",") for v in c] for name, c in zip(NAMES[1:], TABLE.T)
-    }
-    columns["x1"] = [f"{1e3 * v:.5f}".replace(".", ",") for v in POSITION]
-    stamps = [stamp.replace(".", ",") for stamp in DEFAULT]
-    check(read(stamps, (";".join(NAMES), units), ";", **columns))
+    dotted = COLUMNS | {"t": DEFAULT, "x1": [f"{1e3 * v:.5f}" for v in POSITION]}
+    columns = {name: [cell.replace(".", ",") for cell in c] for name, c in dotted.items()}
+    check(read(columns.pop("t"), (";".join(NAMES), units), ";", **columns))
 
 
 def test_a_header_again(read) -> None:
-    changed = {name: [f"{v:.7f}" for v in c] for name, c in zip(NAMES[1:], TABLE.T)}
-    stamps = [*DEFAULT]
-    for name, column in zip(NAMES, (stamps, *changed.values())):
-        column[150:150] = column[200:200] = [name]
+    again = {name: [*c[:150], name, *c[150:200], name, *c[200:]] for name, c in COLUMNS.items()}
+    stamps = [*DEFAULT[:150], "t", *DEFAULT[150:200], "t", *DEFAULT[200:]]
     with pytest.warns(DistalWarning, match="row 152 repeats the header, 2 in all"):
-        check(read(stamps, **changed))
+        check(read(stamps, **again))
 
 
 def test_names_behind_a_mark_and_blanks_between_cells(read) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from distal import Rig, read_log
 from distal.errors import DistalWarning
-from distal.logs import earlier, held_samples, jumps_away
+from distal.logs import held_samples, jumps_away
 
 TIME = np.arange(0.0, 8.0, 0.01)
 ANGLE = 0.6 * np.sin(2.0 * TIME) + 0.1 * np.sin(5.3 * TIME + 1.0)
@@ -42,15 +42,6 @@ def test_a_marker_that_is_seen_the_wrong_way_round_is_missing(frames: int) -> No
     assert not jumps_away(values).any()
     steps = np.repeat(np.random.default_rng(2).normal(0.0, 0.3, 80), 10)
     assert not jumps_away(steps).any()
-
-
-def test_a_late_value_stands_where_it_belongs() -> None:
-    late = np.interp(TIME - 0.04, TIME, ANGLE)
-    moved = earlier(TIME, late, 0.04)
-    known = np.isfinite(moved)
-    assert 0.98 < np.mean(known) < 1.0
-    np.testing.assert_allclose(moved[known][5:], ANGLE[known][5:], atol=1e-3)
-    assert earlier(TIME, late, 0.0) is late
 
 
 def test_a_log_with_a_late_held_camera_is_compared_as_it_was_seen(pulley_rig: Rig) -> None:

@@ -184,10 +184,6 @@ def test_the_map_of_a_revision_counts_where_it_is_that_one(written, revision, si
             {"joint_to_motor_map": {"mcp": "three"}},
             "joint_to_motor_map.mcp: .*integer, .*'three' came",
         ),
-        (
-            {"joint_motor_travel_v21": {"mcp": None, "pip": 3}},
-            "joint_motor_travel_v21.mcp: .*number, None came",
-        ),
         ({"joint_roms": {"mcp": [0, 10**400]}}, "input should be a valid number"),
         ({"joint_roms": {"mcp": [-0.35, 1.66], "pip": [0, 1.83]}}, "in radians"),
     ],

@@ -55,7 +55,6 @@ def test_the_plant_pulls_at_the_cell() -> None:
     ("assignment", "said"),
     [
         ('unit="N"', "unit 'N' has the wrong dimension; .*a load cell in N needs its lever"),
-        ('unit="A"', "unit 'A' has the wrong dimension; .*a current a torque_constant$"),
         ('lever="6 N"', "lever: unit 'N' has the wrong dimension"),
         ('lever="6 mm"', "unit 'N m' has the wrong dimension; a unit like 'N' is allowed"),
     ],
@@ -63,14 +62,6 @@ def test_the_plant_pulls_at_the_cell() -> None:
 def test_what_is_refused(assignment: str, said: str) -> None:
     with pytest.raises(RigError, match=said):
         load_rig("finger-underactuated", [f"sensors.tau_flexor.{assignment}"])
-
-
-def test_one_conversion_only() -> None:
-    with pytest.raises(
-        RigError,
-        match="lever: is of a load cell, a torque constant of a motor's current; give one of them",
-    ):
-        finger().with_values({"sensors.pull.torque_constant": 0.1})
 
 
 def test_a_cell_that_reads_no_torque_of_its_drive_is_asked_about() -> None:

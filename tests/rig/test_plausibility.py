@@ -59,14 +59,7 @@ def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
     assert "cell measures the tension of tendon left behind the friction of its path" in said
 
 
-@pytest.mark.parametrize(
-    ("wrong", "more"), [(3, ""), (4, " (and 1 more problem)"), (6, " (and 3 more problems)")]
-)
-def test_the_first_three_problems_are_said_and_the_others_counted(wrong: int, more: str) -> None:
-    numbers = ("mass", "damping", "stop_stiffness")
-    paths = [f"drives.{i}.{number}" for i in (0, 1) for number in numbers]
-    with pytest.raises(RigError) as caught:
-        load_rig("template", [f'{path}="3 degg"' for path in paths[:wrong]])
-    line = str(caught.value)
-    assert line.count("; also ") == 2
-    assert line.endswith(more) if more else "more problem" not in line
+def test_the_first_three_problems_are_said_and_the_others_counted() -> None:
+    wrong = {f"drives.*.{name}": "3 degg" for name in ("mass", "damping", "stop_stiffness")}
+    with pytest.raises(RigError, match=r"also .*also .*\(and 3 more problems\)$"):
+        load_rig("template").with_values(wrong)

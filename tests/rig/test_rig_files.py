@@ -82,22 +82,13 @@ def test_template_is_a_rig(read) -> None:
 REFUSED = [
     ('drives.0.stops=["5 mm", "-5 mm"]', r"drives\.left\.stops: is the wrong way round"),
     ("tendons.0.stiffness=-806", r"tendons\.left\.stiffness: must be positive, -806 came"),
-    ("tendons.0.stiffness=0", r"must be positive, 0 came"),
     ('joints.0.friction.coefficient="0,5"', r"decimal comma"),
     (
         'joints.0.inertia="1 kg"',
         r"joints\.link\.inertia: unit 'kg' has the wrong dimension; a unit like 'kg m\^2'",
     ),
     ("joints.0.frction.coefficient=0.4", r"unknown key 'frction'; did you mean 'friction'\?"),
-    (
-        "drives.0.mas=1",
-        r"unknown key 'mas'; did you mean 'mass'\? \(known: backlash, damping, friction",
-    ),
     ('drives.0.kind="motor"', r"drives\.left\.kind: must be 'slider', 'capstan', 'motor' came"),
-    (
-        'tendons.0.insertion.kind="glued"',
-        r"tendons\.left\.insertion\.kind: must be 'pinned', 'pulley'",
-    ),
     ("tendons.0.side=2", r"tendons\.left\.side: must be 1 or -1, 2 came"),
     (
         'tendons.0.drive="lft"',
@@ -107,9 +98,6 @@ REFUSED = [
         'sensors.0.measures="torque"',
         r"sensors\.x1\.of: no joint is called 'left', it is one of the drives: measures must be 'position' or 'force'; the",
     ),
-    ('tendons.0.joint="elbow"', r"no joint is called 'elbow'"),
-    ('sensors.0.of="middle"', r"sensors\.x1\.of: no drive is called 'middle'"),
-    ('sensors.0.unit="N"', r"sensors\.x1\.unit: unit 'N' has the wrong dimension"),
     ('sensors.0.noise="1 N"', r"sensors\.x1\.noise: unit 'N' has the wrong dimension"),
     (
         'sensors.0.measures="speed"',
@@ -137,7 +125,6 @@ REFUSED = [
         r"shared.std: .* less than or equal to 1, 1.1 came",
     ),
     ("joints.0.damping.shared=3", r"joints.link.damping.shared: must be a table, 3 came"),
-    ("joints.0.damping.shared={ name = '', std = 0.1 }", r"joints.link.damping.shared.name"),
     ("joints.0.initial={ value = 0.1, shared = { name = 'a', std = 0.1 } }", r"has no shared"),
     ("tendons.0.damping={ value = 0, shared = { name = 'a', std = 0.1 } }", r"no share of it"),
     (
@@ -145,19 +132,13 @@ REFUSED = [
         r"tendons.right.stiffness.shared: .* is the same share .* 0.1 came here and 0.2 at tendons.left",
     ),
     ("joints.0.initial={ value = 1, std = 1, drift = 1 }", r"has no drift"),
-    (
-        "joints.0.friction.coefficient={ value = 1, sd = 2 }",
-        r"unknown key 'sd'; did you mean 'std'\?",
-    ),
     ("drives.0.damping={ std = 2 }", r"has no 'value'"),
     ("joints.0.friction.coefficient={ value = 1, std = -2 }", r"std must not be negative"),
     ("tendons=[]", r"tendons: at least one is needed"),
     ("sensors=3", r"sensors: must be a list, 3 came"),
-    ("tendons.7.side=1", r"'tendons' has no '7' \(known: left, right\)"),
     ("tendons.upper.side=1", r"'tendons' has no 'upper'"),
     ("drives.0.mass.value.x=1", r"is not a quantity"),
     ("novalue", r"write path=value"),
-    ("name=", r"write path=value"),
     ("drives.0.mass=[1", r"is not TOML"),
     (f"{'.'.join(['a'] * 2000)}=1", "has 2000 parts; no value of a rig has so many"),
 ]
@@ -202,18 +183,18 @@ def test_unknown_rigs_and_unreadable_files(tmp_path: Path) -> None:
             load_rig(tmp_path / name)
 
 
-def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
-    rig = load_rig(
-        "paper-2008-printed",
-        [
-            "joints.0.friction.coefficient=0.4",
-            'drives.left.stops=["-5 mm","15 mm"]',
-            "joints.link.external_torque.std=0.1 N m",  # a shell took the quotes
-            "tendons.1.stiffness={ value = 700, std = 7 }",
-            "drives.1.friction.load={ value = 0.05, std = 0.15 }",
-            "sensors.u1.noise=0.1",
-        ],
-    )
+def test_set_keeps_the_std_and_reads_names_and_indices(read) -> None:
+    changes = [
+        "joints.0.friction.coefficient=0.4",
+        'drives.left.stops=["-5 mm","15 mm"]',
+        "joints.link.external_torque.std=0.1 N m",  # a shell took the quotes
+        "tendons.1.stiffness={ value = 700, std = 7 }",
+        "drives.1.friction.load={ value = 0.05, std = 0.15 }",
+        "sensors.u1.noise=0.1",
+    ]
+    rig, text = load_rig("paper-2008-printed", changes), edited_text("paper-2008-printed", changes)
+    assert read(text) == rig
+    assert "# J, an 84 g disk" in text
     friction = rig.joints[0].friction
     assert friction is not None
     assert (friction.coefficient.value, friction.coefficient.std) == (0.4, 0.1)
@@ -222,13 +203,6 @@ def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
     assert (rig.tendons[1].stiffness.value, rig.tendons[1].stiffness.std) == (700, 7)
     assert rig.drives[1].friction.load.std == 0.15
     assert rig.sensors[1].noise == 0.1
-
-
-def test_show_with_set_keeps_comments_and_loads(read) -> None:
-    changes = ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"]
-    text = edited_text("paper-2008-printed", changes)
-    assert "# J, an 84 g disk" in text
-    assert read(text) == load_rig("paper-2008-printed", changes)
 
 
 def test_reference_load(paper_rig: Rig) -> None:

@@ -8,10 +8,9 @@ from math import exp
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgtsv
 
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
 
 POINTS = 16
 """Points of a cable."""

@@ -19,9 +19,9 @@ from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
+
 Row = tuple[float, ...]
 Rows = tuple[Row, ...]
 Commands = tuple[Floats, Floats, tuple[float, float]]

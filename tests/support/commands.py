@@ -7,13 +7,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import LiveInverse, Rig
+from distal.arrays import Floats
 from distal.inverse import Command, Feedback
 from tests.support.servo_plants import PERIOD, Servos
-
-Floats = NDArray[np.float64]
 
 
 def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log
+from distal.arrays import Floats
 from distal.logs import FROM_SENSOR
 from tests.support.drawn_plants import (
     PARTS,
@@ -17,8 +17,6 @@ from tests.support.drawn_plants import (
     simulated,
 )
 from tests.support.drawn_rigs import RATE, WIDER, Drawn
-
-Floats = NDArray[np.float64]
 
 FITTED, JUDGED = 3, 3
 """Logs that a rig is fitted to; logs that it is judged on, the last of the wider motion."""

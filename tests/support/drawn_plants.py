@@ -15,9 +15,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from tests.support.drawn_rigs import RATE, Raw, parameters, settled, spread, units
 
-Floats = NDArray[np.float64]
 Parameters = dict[str, Floats]
 """The arrays of plants; the first axis is that of the plants, then joints j, tendons t or drives d.
 """

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
+
 Raw = dict[str, Any]
 
 RATE = 100.0

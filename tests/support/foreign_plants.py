@@ -14,11 +14,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log, Rig, load_rig
-
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
 
 RATE = 100.0
 DURATION = 30.0

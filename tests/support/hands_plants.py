@@ -15,13 +15,11 @@ from math import cos, exp, pi, sin, sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log, Rig, load_rig
+from distal.arrays import Floats
 from distal.logs import FROM_SENSOR, TruthSource
 from tests.support.cable import Cable
-
-Floats = NDArray[np.float64]
 
 RATE, DURATION = 100.0, 30.0
 

@@ -7,11 +7,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log, Rig, load_rig
-
-Floats = NDArray[np.float64]
+from distal.arrays import Floats
 
 
 def linear_rig() -> Rig:

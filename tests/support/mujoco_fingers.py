@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log, Rig
+from distal.arrays import Floats
 from distal.rig import angle_names, from_mujoco
-
-Floats = NDArray[np.float64]
 
 SECONDS = 12.0
 """Of a log [s]."""

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal import Rig, load_rig
+from distal.arrays import Floats
 from distal.bridges.mujoco import Tendons, to_mjcf
 from tests.support.servo_hands import STEP, Drawn, orca_like
-
-Floats = NDArray[np.float64]
 
 SAMPLE = 4 * STEP
 """Interval of the motion of a hand [s]."""

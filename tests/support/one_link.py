@@ -13,12 +13,10 @@ from math import cos, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log
+from distal.arrays import Floats
 from tests.support.cable import Cable
-
-Floats = NDArray[np.float64]
 
 RADIUS, STIFFNESS, INERTIA, DAMPING = 0.01, 2000.0, 2e-4, 6e-3
 RATE, STEP, STEP_WITH_CABLE = 100.0, 1e-4, 5e-4

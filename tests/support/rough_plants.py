@@ -16,14 +16,12 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Log
+from distal.arrays import Floats
 from distal.logs import FROM_SENSOR
 from tests.support.drawn_plants import PARTS, at_rest, efforts, parameters_of
 from tests.support.drawn_rigs import Raw
-
-Floats = NDArray[np.float64]
 
 KINDS = ("held", "stop and go", "sheath", "rolling")
 FITTED, JUDGED = 4, 3

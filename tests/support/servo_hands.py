@@ -15,11 +15,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from tests.support.compiled_hands import advance, called, contiguous
-
-Floats = NDArray[np.float64]
 
 STEP = 2.5e-4
 """Of the plant [s]."""
@@ -33,24 +31,6 @@ COUNTS = 4096
 TORQUE_CONSTANT = 0.5
 """What a catalogue says [N m/A]; of each motor it is another."""
 
-
-PARAMETERS = (
-    "arms",
-    "spools",
-    "low",
-    "high",
-    "slack",
-    "stiffness",
-    "sheath",
-    "spring",
-    "rest",
-    "dry",
-    "axle",
-    "weight",
-    "gear_friction",
-    "gear_load",
-)
-"""Of a `Drawn` what the sub-steps read."""
 
 MOVING = ("angles", "rates", "positions", "speeds", "nodes", "torques", "slipped")
 """What they change."""
@@ -79,6 +59,10 @@ class Drawn:
     torque_constant: Floats
     zeros: Floats
     signs: Floats
+
+
+PARAMETERS = tuple(Drawn.__annotations__)[:14]
+"""Of a `Drawn` what the sub-steps read: all before the torque constant."""
 
 
 class Hands:
@@ -238,12 +222,16 @@ def _uniform(
     return rng.uniform(low, high, count if size is None else size)
 
 
+def _side_by_side(draws: list[dict[str, Any]], seed: int) -> Hands:
+    return Hands(Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]}), seed)
+
+
 def orca_like(seeds: Any, joints: Sequence[str] = tuple(ORCA)) -> tuple[Known, Hands]:
     """Return what is known of a hand with a motor for each joint, and some such hands, a seed
     each.
     """
     table = np.array([ORCA[joint] for joint in joints])
-    n, hands = len(table), len(list(seeds))
+    n = len(table)
     arm, ratio = 1e-3 * table[:, 2], table[:, 3]
     low, high = np.deg2rad(table[:, 0]), np.deg2rad(table[:, 1])
     known = Known(
@@ -284,9 +272,7 @@ def orca_like(seeds: Any, joints: Sequence[str] = tuple(ORCA)) -> tuple[Known, H
                 "signs": np.where(rng.random(n) < 0.3, -1.0, 1.0),
             }
         )
-    stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
-    assert len(draws) == hands
-    return known, Hands(stacked, int(next(iter(seeds))))
+    return known, _side_by_side(draws, int(next(iter(seeds))))
 
 
 AERO_JOINTS = {
@@ -353,5 +339,4 @@ def aero_like(seeds: Any) -> tuple[Known, Hands]:
                 "signs": np.ones(m),
             }
         )
-    stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
-    return known, Hands(stacked, int(next(iter(seeds))) + 1)
+    return known, _side_by_side(draws, int(next(iter(seeds))) + 1)

@@ -13,13 +13,11 @@ from math import exp, pi
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Rig
+from distal.arrays import Floats
 from tests.support import hands_plants
 from tests.support.hands_plants import ROPE, RopesPlant
-
-Floats = NDArray[np.float64]
 
 PERIOD, PARTS = 0.01, 10
 """Of a sample [s], and steps of a servo in it."""

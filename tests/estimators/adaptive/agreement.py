@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Rig
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Robustness, StateKind
 from distal.rig import named
 from tests.estimators.adaptive.twin import Twin
-
-Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-10
 """Largest difference, relative to each number's size (see `sizes`).

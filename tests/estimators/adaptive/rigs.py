@@ -12,12 +12,10 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal import Rig, load_rig
+from distal.arrays import Floats
 from distal.rig import build_rig
-
-Floats = NDArray[np.float64]
 
 CERTAIN = {
     "joints.0.friction.coefficient": {"value": 0.3, "std": 0.0},

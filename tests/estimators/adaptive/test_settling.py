@@ -9,9 +9,9 @@ import json
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from distal import Rig, estimate, load_rig
+from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.joint_motion import moving
@@ -21,8 +21,6 @@ from distal.run import samples_of
 from tests.helpers import finite_difference, rms_degrees
 from tests.support.drawn_rigs import settled
 from tests.support.rough_plants import FITTED, described, log_of
-
-Floats = NDArray[np.float64]
 
 
 def pair(**values: object) -> Rig:

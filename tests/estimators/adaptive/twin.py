@@ -15,8 +15,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.estimators import Robustness
 from distal.model import Mechanism, clip_moments
 from distal.rig import Rig
@@ -25,7 +25,6 @@ from tests.estimators.adaptive.twin_model import TwinModel
 from tests.estimators.adaptive.twin_states import declares_friction, sensor_at, states_of, travel_of
 from tests.estimators.adaptive.twin_update import update
 
-Floats = NDArray[np.float64]
 MEAN_TIME = 25e-3
 LOST_FIRST = {"slider": 0.01, "capstan": 1.0}
 

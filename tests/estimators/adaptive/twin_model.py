@@ -8,8 +8,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.model import (
     Kick,
     Limit,
@@ -22,8 +22,6 @@ from distal.model import (
 )
 from distal.rig import Rig
 from tests.estimators.adaptive.twin_states import State
-
-Floats = NDArray[np.float64]
 
 
 class TwinModel:

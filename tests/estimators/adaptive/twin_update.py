@@ -9,14 +9,13 @@ from math import exp, inf, nan, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.sensor_models import variance
 
 if TYPE_CHECKING:
     from tests.estimators.adaptive.twin import Tracked, Twin
 
-Floats = NDArray[np.float64]
 MOTION_TIME, RESIDUAL_TIME = 10e-3, 0.1
 
 
