@@ -161,169 +161,86 @@ ALIKE = {
 """Unit of a style → how a rig file may have it; else it is itself."""
 
 
-def _style(
-    time: tuple[str, str],
-    turn: tuple[str, str],
-    slide: tuple[str, str],
-    torque: tuple[str, str],
-    force: tuple[str, str],
-    angle: tuple[str, str],
-) -> Style:
-    named = {"time": time, "turn": turn, "slide": slide, "torque": torque, "force": force}
-    return {**named, "angle": angle}
-
+KINDS = ("time", "turn", "slide", "torque", "force", "angle")
 
 STYLES: dict[str, Style] = {
-    "units in brackets": _style(
-        ("time [s]", "s"),
-        ("motor{n} [deg]", "deg"),
-        ("slider{n} [mm]", "mm"),
-        ("force{n} [N]", "N"),
-        ("force{n} [N]", "N"),
-        ("joint{n} [deg]", "deg"),
-    ),
-    "units at the end": _style(
-        ("time_ms", "ms"),
-        ("m{n}_pos_rad", "rad"),
-        ("m{n}_pos_mm", "mm"),
-        ("m{n}_current_mA", "mA"),
-        ("m{n}_current_mA", "mA"),
-        ("pip{n}_deg", "deg"),
-    ),
-    "ticks": _style(
-        ("timestamp_us", "us"),
-        ("enc{n}_ticks", "turn counts"),
-        ("enc{n}_ticks", "slide counts"),
-        ("cur{n}_mA", "mA"),
-        ("cur{n}_mA", "mA"),
-        ("camera_joint{n}_deg", "deg"),
-    ),
-    "symbols": _style(
-        ("t", "s"),
-        ("phi{n}", "rad"),
-        ("x{n}", "m"),
-        ("u{n}", "N m"),
-        ("u{n}", "N"),
-        ("theta{n}", "rad"),
-    ),
-    "camel case": _style(
-        ("timeStamp", "s"),
-        ("motorPosition{n}", "rad"),
-        ("motorPosition{n}", "m"),
-        ("motorCurrent{n}", "A"),
-        ("motorCurrent{n}", "A"),
-        ("jointAngle{n}", "rad"),
-    ),
-    "German": _style(
-        ("zeit_s", "s"),
-        ("antrieb{n} [deg]", "deg"),
-        ("antrieb{n} [mm]", "mm"),
-        ("kraft{n} [N]", "N"),
-        ("kraft{n} [N]", "N"),
-        ("gelenk{n} [deg]", "deg"),
-    ),
-    "French": _style(
-        ("temps [s]", "s"),
-        ("moteur{n}_deg", "deg"),
-        ("moteur{n}_mm", "mm"),
-        ("courant{n}_mA", "mA"),
-        ("courant{n}_mA", "mA"),
-        ("articulation{n}_deg", "deg"),
-    ),
-    "Spanish": _style(
-        ("tiempo", "s"),
-        ("posicion_motor{n}", "rad"),
-        ("posicion_motor{n}", "m"),
-        ("fuerza{n}", "N"),
-        ("fuerza{n}", "N"),
-        ("angulo{n}", "rad"),
-    ),
-    "Italian": _style(
-        ("tempo", "s"),
-        ("posizione_motore{n}", "rad"),
-        ("posizione_motore{n}", "m"),
-        ("corrente{n}", "A"),
-        ("corrente{n}", "A"),
-        ("angolo_giunto{n}", "rad"),
-    ),
+    name: dict(zip(KINDS, columns, strict=True))
+    for name, columns in {
+        "units in brackets": (
+            ("time [s]", "s"),
+            ("motor{n} [deg]", "deg"),
+            ("slider{n} [mm]", "mm"),
+            ("force{n} [N]", "N"),
+            ("force{n} [N]", "N"),
+            ("joint{n} [deg]", "deg"),
+        ),
+        "units at the end": (
+            ("time_ms", "ms"),
+            ("m{n}_pos_rad", "rad"),
+            ("m{n}_pos_mm", "mm"),
+            ("m{n}_current_mA", "mA"),
+            ("m{n}_current_mA", "mA"),
+            ("pip{n}_deg", "deg"),
+        ),
+        "ticks": (
+            ("timestamp_us", "us"),
+            ("enc{n}_ticks", "turn counts"),
+            ("enc{n}_ticks", "slide counts"),
+            ("cur{n}_mA", "mA"),
+            ("cur{n}_mA", "mA"),
+            ("camera_joint{n}_deg", "deg"),
+        ),
+        "symbols": (
+            ("t", "s"),
+            ("phi{n}", "rad"),
+            ("x{n}", "m"),
+            ("u{n}", "N m"),
+            ("u{n}", "N"),
+            ("theta{n}", "rad"),
+        ),
+        "camel case": (
+            ("timeStamp", "s"),
+            ("motorPosition{n}", "rad"),
+            ("motorPosition{n}", "m"),
+            ("motorCurrent{n}", "A"),
+            ("motorCurrent{n}", "A"),
+            ("jointAngle{n}", "rad"),
+        ),
+        "German": (
+            ("zeit_s", "s"),
+            ("antrieb{n} [deg]", "deg"),
+            ("antrieb{n} [mm]", "mm"),
+            ("kraft{n} [N]", "N"),
+            ("kraft{n} [N]", "N"),
+            ("gelenk{n} [deg]", "deg"),
+        ),
+        "French": (
+            ("temps [s]", "s"),
+            ("moteur{n}_deg", "deg"),
+            ("moteur{n}_mm", "mm"),
+            ("courant{n}_mA", "mA"),
+            ("courant{n}_mA", "mA"),
+            ("articulation{n}_deg", "deg"),
+        ),
+        "Spanish": (
+            ("tiempo", "s"),
+            ("posicion_motor{n}", "rad"),
+            ("posicion_motor{n}", "m"),
+            ("fuerza{n}", "N"),
+            ("fuerza{n}", "N"),
+            ("angulo{n}", "rad"),
+        ),
+        "Italian": (
+            ("tempo", "s"),
+            ("posizione_motore{n}", "rad"),
+            ("posizione_motore{n}", "m"),
+            ("corrente{n}", "A"),
+            ("corrente{n}", "A"),
+            ("angolo_giunto{n}", "rad"),
+        ),
+    }.items()
 }
 """Ways in which builders name the columns of a log."""
-
-OTHER_STYLES: dict[str, Style] = {
-    "smart servos": _style(
-        ("Time(s)", "s"),
-        ("present_position_{n}", "servo counts"),
-        ("present_position_{n}", "slide counts"),
-        ("present_current_{n}", "mA"),
-        ("present_current_{n}", "mA"),
-        ("aruco_{n}_deg", "deg"),
-    ),
-    "slashes": _style(
-        ("Zeit/ms", "ms"),
-        ("Motorwinkel{n}/°", "deg"),
-        ("Seilweg{n}/mm", "mm"),
-        ("Strom{n}/mA", "mA"),
-        ("Seilkraft{n}/N", "N"),
-        ("Gelenkwinkel{n}/°", "deg"),
-    ),
-    "a laboratory's": _style(
-        ("time_sec", "s"),
-        ("motor_angle_{n}_rad", "rad"),
-        ("tendon_displacement_{n}_mm", "mm"),
-        ("motor_torque_{n}_Nm", "N m"),
-        ("load_cell_{n}_N", "N"),
-        ("mocap_angle_{n}_rad", "rad"),
-    ),
-    "joint states": _style(
-        ("stamp", "s"),
-        ("motor_{n}.position", "rad"),
-        ("motor_{n}.position", "m"),
-        ("motor_{n}.effort", "N m"),
-        ("motor_{n}.effort", "N"),
-        ("joint_{n}.position", "rad"),
-    ),
-    "short": _style(
-        ("ts", "s"),
-        ("M{n} (deg)", "deg"),
-        ("M{n} (mm)", "mm"),
-        ("I{n} (mA)", "mA"),
-        ("F{n} (N)", "N"),
-        ("th{n} (deg)", "deg"),
-    ),
-    "French, other words": _style(
-        ("horodatage_ms", "ms"),
-        ("position_moteur_{n} (rad)", "rad"),
-        ("course_cable_{n} (mm)", "mm"),
-        ("intensite_{n} (mA)", "mA"),
-        ("effort_{n} (N)", "N"),
-        ("angle_articulation_{n} (°)", "deg"),
-    ),
-    "Spanish, other words": _style(
-        ("marca_de_tiempo [ms]", "ms"),
-        ("giro_motor_{n} [deg]", "deg"),
-        ("carrera_{n} [mm]", "mm"),
-        ("intensidad_{n} [mA]", "mA"),
-        ("tension_cable_{n} [N]", "N"),
-        ("flexion_{n} [deg]", "deg"),
-    ),
-    "Italian, other words": _style(
-        ("istante_ms", "ms"),
-        ("rotazione_motore{n}_rad", "rad"),
-        ("corsa{n}_mm", "mm"),
-        ("coppia{n}_Nm", "N m"),
-        ("trazione{n}_N", "N"),
-        ("angolo_dito{n}_rad", "rad"),
-    ),
-    "words": _style(
-        ("seconds", "s"),
-        ("spool {n} angle", "rad"),
-        ("actuator {n} displacement", "m"),
-        ("actuator {n} torque", "N m"),
-        ("tendon {n} tension", "N"),
-        ("knuckle {n} flexion", "rad"),
-    ),
-}
-"""Other ways, which no word list was made from; `columns --other`."""
 
 
 def kind_of(name: str, turns: bool) -> str:
@@ -353,18 +270,18 @@ def outcome_of(column: ColumnRole, role: str, unit: str) -> str:
     return "wrong, doubted" if column.unit_sureness == "a guess" else "wrong"
 
 
-def columns(rigs: int, first: int, styles: Mapping[str, Style]) -> None:
+def columns(rigs: int, first: int) -> None:
     """Print how many columns get the right role and unit, by the way in which they are named."""
     rows: dict[str, Counter[str]] = {}
     for k, seed in enumerate(range(first, first + rigs)):
         rig, logs = drawn_logs(seed)
         turns = rig.raw["drives"][0]["kind"] == "capstan"
         rng = np.random.default_rng(seed)
-        name = list(styles)[k % len(styles)]
+        name = list(STYLES)[k % len(STYLES)]
         order = rng.permutation(list(logs[0]))
         named = {}
         for column in order:
-            header, unit = styles[name][kind_of(column, turns)]
+            header, unit = STYLES[name][kind_of(column, turns)]
             named[column] = (header.format(n=column[-1]), unit)
         renamed = []
         for log in logs:
@@ -500,13 +417,8 @@ def main() -> None:
     parser.add_argument("part", choices=("structure", "columns", "rigs"))
     parser.add_argument("--rigs", type=int, default=80)
     parser.add_argument("--first-seed", type=int, default=5000)
-    parser.add_argument("--other", action="store_true", help="columns: other ways of naming them")
     arguments = parser.parse_args()
-    if arguments.part == "columns":
-        styles = OTHER_STYLES if arguments.other else STYLES
-        columns(arguments.rigs, arguments.first_seed, styles)
-        return
-    parts = {"structure": structure, "rigs": rigs}
+    parts = {"structure": structure, "columns": columns, "rigs": rigs}
     parts[arguments.part](arguments.rigs, arguments.first_seed)
 
 

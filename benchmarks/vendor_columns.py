@@ -5,9 +5,9 @@ the right role (and the right unit, where the header gives one), how many a wron
 were left to a question to the user or to a refusal, and the seconds until the answer or question.
 What was not read right is listed below the table.
 
-A style is a list of headers and of what each really holds. Its logs come from a plain quasi-static
-plant, antagonists or one motor to a joint on compliant tendons with friction; it shares no code
-with `distal.model`. The order of the columns is drawn, so the time may be anywhere. Where two
+A style is a list of headers and of what each really holds (vendor_columns.toml). Its logs come
+from a plain quasi-static plant, antagonists or one motor to a joint on compliant tendons with
+friction; it shares no code with `distal.model`. The order of the columns is drawn, so the time may be anywhere. Where two
 columns of a drive are both its effort, as a torque and the current that it was computed from, or
 two are both times, one has to be found and the other one may be found or left.
 
@@ -20,10 +20,12 @@ import argparse
 import csv
 import tempfile
 import time
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +93,9 @@ class Layout:
         joints: their names or numbers, for headers that say `{joint}`.
     """
 
-    drives: tuple[str, ...]
-    references: tuple[Column, ...]
-    joints: tuple[str, ...] = ()
+    drives: list[str]
+    references: list[Column]
+    joints: list[str]
 
 
 @dataclass(frozen=True)
@@ -107,503 +109,34 @@ class Style:
     """
 
     name: str
-    columns: tuple[Column, ...]
-    layouts: tuple[Layout, ...]
+    columns: list[Column]
+    layouts: list[Layout]
 
 
-def angle(header: str, unit: str, said: bool = False) -> Column:
-    """Return the column of a joint's true angle."""
-    return Column(header, "angle", unit, said)
+def column_of(row: Sequence[Any]) -> Column:
+    """Return a column of the file of styles: header, what it holds, unit and options."""
+    options = row[-1] if isinstance(row[-1], dict) else {}
+    return Column(*(cell for cell in row if cell is not options), **options)
 
 
-PAIR = ("1", "2")
-FOUR = ("1", "2", "3", "4")
-
-STYLES = (
-    Style(
-        "Dynamixel, present_position_1",
-        (
-            Column("timestamp", "time", "s"),
-            Column("present_position_{drive}", "position", "count"),
-            Column("present_velocity_{drive}", "velocity", "rad"),
-            Column("present_current_{drive}", "effort", "mA"),
-            Column("goal_position_{drive}", "goal", "count"),
-            Column("present_input_voltage_{drive}", "voltage"),
-            Column("present_temperature_{drive}", "temperature"),
-            Column("hardware_error_status_{drive}", "constant"),
-        ),
-        (
-            Layout(PAIR, (angle("camera_angle_deg", "deg", True),)),
-            Layout(FOUR, (angle("aruco_mcp", "deg"), angle("aruco_pip", "deg"))),
-        ),
-    ),
-    Style(
-        "Dynamixel, id11_present_position",
-        (
-            Column("time", "time", "s"),
-            Column("id{drive}_present_position", "position", "rad"),
-            Column("id{drive}_present_velocity", "velocity", "rad"),
-            Column("id{drive}_present_current", "effort", "mA"),
-            Column("id{drive}_present_pwm", "pwm"),
-            Column("id{drive}_goal_position", "goal", "rad"),
-            Column("id{drive}_moving", "constant", number=1.0),
-        ),
-        (
-            Layout(
-                ("11", "12"),
-                (angle("joint_angle_0", "rad"), angle("joint_angle_1", "rad")),
-            ),
-            Layout(("11", "12"), (angle("joint_angle", "rad"),)),
-        ),
-    ),
-    Style(
-        "Dynamixel, flex_present_current_mA",
-        (
-            Column("time_s", "time", "s", True),
-            Column("{drive}_present_position", "position", "count"),
-            Column("{drive}_present_current_mA", "effort", "mA", True),
-            Column("{drive}_present_velocity_rpm", "velocity", "rpm"),
-            Column("{drive}_goal_current_mA", "goal effort", "mA", True),
-            Column("{drive}_temp_C", "temperature"),
-        ),
-        (
-            Layout(("flex", "ext"), (angle("index_mcp", "rad"),)),
-            Layout(("flex", "ext"), (angle("encoder_index_mcp_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "Feetech registers",
-        (
-            Column("timestamp", "time of day", "s"),
-            Column("{drive}.Present_Position", "position", "count"),
-            Column("{drive}.Present_Velocity", "velocity", "count"),
-            Column("{drive}.Present_Load", "effort", "permille"),
-            Column("{drive}.Present_Voltage", "voltage"),
-            Column("{drive}.Present_Temperature", "temperature"),
-            Column("{drive}.Goal_Position", "goal", "count"),
-            Column("{drive}.Torque_Enable", "constant", number=1.0),
-            Column("{drive}.Status", "constant"),
-        ),
-        (
-            Layout(("flexor", "extensor"), (angle("mcp_angle", "deg"),)),
-            Layout(
-                ("servo_1", "servo_2"),
-                (angle("aruco_pip", "deg"), angle("aruco_dip", "deg")),
-            ),
-        ),
-    ),
-    Style(
-        "SO-100 script, wrist_flex.pos",
-        (
-            Column("t", "time", "s"),
-            Column("{drive}.pos", "position", "deg"),
-            Column("{drive}.load", "effort", "permille"),
-            Column("action.{drive}.pos", "goal", "deg"),
-            Column("loop_hz", "near constant", number=50.0),
-        ),
-        (
-            Layout(
-                ("wrist_flex", "elbow_flex"),
-                (angle("cam_wrist_angle", "deg"), angle("cam_elbow_angle", "deg")),
-            ),
-            Layout(("index_flexor", "index_extensor"), (angle("camera_angle_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "LeRobot, observation.state.NAME",
-        (
-            Column("timestamp", "time", "s"),
-            Column("observation.state.{drive}.pos", "position", "deg"),
-            Column("action.{drive}.pos", "goal", "deg"),
-            Column("frame_index", "counter"),
-            Column("episode_index", "constant", number=3.0),
-            Column("index", "counter", number=4210.0),
-            Column("task_index", "constant"),
-            Column("next.done", "constant"),
-        ),
-        (
-            Layout(("flexor", "extensor"), (angle("mocap_theta", "rad"),)),
-            Layout(
-                ("index_mcp_motor", "index_pip_motor"),
-                (
-                    angle("observation.joint_angle.index_mcp", "deg"),
-                    angle("observation.joint_angle.index_pip", "deg"),
-                ),
-            ),
-        ),
-    ),
-    Style(
-        "ODrive, axis0.encoder.pos_estimate",
-        (
-            Column("time", "time of day", "s"),
-            Column("axis{drive}.encoder.pos_estimate", "position", "turn"),
-            Column("axis{drive}.encoder.vel_estimate", "velocity", "turn"),
-            Column("axis{drive}.motor.current_control.Iq_measured", "effort", "A"),
-            Column("axis{drive}.motor.current_control.Iq_setpoint", "goal effort", "A"),
-            Column("axis{drive}.controller.input_pos", "goal", "turn"),
-            Column("axis{drive}.motor.fet_thermistor.temperature", "temperature"),
-            Column("axis{drive}.error", "constant"),
-            Column("vbus_voltage", "voltage"),
-            Column("ibus", "bus current", "A"),
-        ),
-        (
-            Layout(("0", "1"), (angle("joint_angle_deg", "deg", True),)),
-            Layout(("0", "1"), (angle("joint_angle_0", "rad"), angle("joint_angle_1", "rad"))),
-        ),
-    ),
-    Style(
-        "ODrive over CAN, axis0_Pos_Estimate",
-        (
-            Column("Timestamp", "time", "s"),
-            Column("axis{drive}_Pos_Estimate", "position", "turn"),
-            Column("axis{drive}_Vel_Estimate", "velocity", "turn"),
-            Column("axis{drive}_Iq_Measured", "effort", "A"),
-            Column("axis{drive}_Iq_Setpoint", "goal effort", "A"),
-            Column("axis{drive}_Input_Pos", "goal", "turn"),
-            Column("axis{drive}_Axis_State", "constant", number=8.0),
-            Column("axis{drive}_Bus_Voltage", "voltage"),
-        ),
-        (
-            Layout(("0",), (angle("AS5048_angle", "deg"),)),
-            Layout(("0", "1"), (angle("as5600_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "moteus, servo_1_position",
-        (
-            Column("time", "time", "s"),
-            Column("servo_{drive}_position", "position", "turn"),
-            Column("servo_{drive}_velocity", "velocity", "turn"),
-            Column("servo_{drive}_torque", "effort", "N m", spare=True),
-            Column("servo_{drive}_q_current", "effort", "A", spare=True),
-            Column("servo_{drive}_d_current", "noise", "A"),
-            Column("servo_{drive}_command_position", "goal", "turn"),
-            Column("servo_{drive}_voltage", "voltage"),
-            Column("servo_{drive}_temperature", "temperature"),
-            Column("servo_{drive}_mode", "constant", number=10.0),
-            Column("servo_{drive}_fault", "constant"),
-        ),
-        (
-            Layout(PAIR, (angle("encoder_index_mcp", "rad"),)),
-            Layout(
-                PAIR,
-                (angle("knee_encoder_deg", "deg", True), angle("hip_encoder_deg", "deg", True)),
-            ),
-        ),
-    ),
-    Style(
-        "moteus tview, 1.servo_stats.q_A",
-        (
-            Column("host_time", "time of day", "s"),
-            Column("{drive}.servo_stats.position", "position", "turn"),
-            Column("{drive}.servo_stats.velocity", "velocity", "turn"),
-            Column("{drive}.servo_stats.torque_Nm", "effort", "N m", True, spare=True),
-            Column("{drive}.servo_stats.q_A", "effort", "A", True, spare=True),
-            Column("{drive}.servo_stats.d_A", "noise", "A"),
-            Column("{drive}.servo_stats.filt_bus_V", "voltage"),
-            Column("{drive}.servo_stats.fet_temp_C", "temperature"),
-            Column("{drive}.servo_stats.control_position", "goal", "turn"),
-        ),
-        (
-            Layout(PAIR, (angle("finger_angle", "rad"),)),
-            Layout(("1",), (angle("imu_pitch", "deg"),)),
-        ),
-    ),
-    Style(
-        "Maxon EPOS, PositionActualValue_1",
-        (
-            Column("Time_ms", "time", "ms", True),
-            Column("PositionActualValue_{drive}", "position", "count"),
-            Column("VelocityActualValue_{drive}", "velocity", "rpm"),
-            Column("CurrentActualValue_{drive}", "effort", "mA"),
-            Column("TargetPosition_{drive}", "goal", "count"),
-            Column("FollowingErrorActualValue_{drive}", "error", "count"),
-            Column("Statusword_{drive}", "constant", number=1591.0),
-            Column("Controlword_{drive}", "constant", number=15.0),
-        ),
-        (
-            Layout(PAIR, (angle("JointAngle", "deg"),)),
-            Layout(FOUR, (angle("JointAngle_1", "deg"), angle("JointAngle_2", "deg"))),
-        ),
-    ),
-    Style(
-        "Maxon EPOS, M1 Torque actual value",
-        (
-            Column("time [s]", "time", "s", True),
-            Column("M{drive} Position actual value", "position", "count"),
-            Column("M{drive} Velocity actual value averaged", "velocity", "rpm"),
-            Column("M{drive} Torque actual value", "effort", "permille"),
-            Column("M{drive} Position demand value", "goal", "count"),
-            Column("M{drive} Following error", "error", "count"),
-            Column("M{drive} Power supply voltage", "voltage"),
-        ),
-        (
-            Layout(PAIR, (angle("Vicon flexion [deg]", "deg", True),)),
-            Layout(
-                PAIR, (angle("Joint 1 [deg]", "deg", True), angle("Joint 2 [deg]", "deg", True))
-            ),
-        ),
-    ),
-    Style(
-        "dVRK, state_jp[4]",
-        (
-            Column("timestamp", "time of day", "s"),
-            Column("state_jp[{drive}]", "position", "rad"),
-            Column("state_jv[{drive}]", "velocity", "rad"),
-            Column("setpoint_jp[{drive}]", "goal", "rad"),
-            Column("actuator_current_measured[{drive}]", "effort", "A"),
-            Column("actuator_current_requested[{drive}]", "goal effort", "A"),
-        ),
-        (
-            Layout(("4", "5"), (angle("mocap_theta_4", "rad"), angle("mocap_theta_5", "rad"))),
-            Layout(("3",), (angle("mocap_theta", "rad"),)),
-        ),
-    ),
-    Style(
-        "dVRK, measured_js.position[0]",
-        (
-            Column("ros_time", "time of day", "s"),
-            Column("measured_js.position[{drive}]", "position", "rad"),
-            Column("measured_js.velocity[{drive}]", "velocity", "rad"),
-            Column("measured_js.effort[{drive}]", "effort", "N m"),
-            Column("setpoint_js.position[{drive}]", "goal", "rad"),
-            Column("setpoint_js.effort[{drive}]", "goal effort", "N m"),
-            Column("operating_state.is_busy", "constant", number=1.0),
-        ),
-        (
-            Layout(("0", "1"), (angle("camera_yaw", "deg"), angle("camera_pitch", "deg"))),
-            Layout(("0", "1"), (angle("tracker_wrist_angle", "rad"),)),
-        ),
-    ),
-    Style(
-        "RAVEN II, rostopic echo -p",
-        (
-            Column("%time", "time of day", "ns"),
-            Column("field.hdr.seq", "counter", number=80214.0),
-            Column("field.runlevel", "constant", number=3.0),
-            Column("field.mpos{drive}", "position", "deg"),
-            Column("field.mvel{drive}", "velocity", "deg"),
-            Column("field.tau{drive}", "effort", "N m"),
-            Column("field.mpos_d{drive}", "goal", "deg"),
-        ),
-        (
-            Layout(("4", "5"), (angle("field.ext_enc4", "deg"), angle("field.ext_enc5", "deg"))),
-            Layout(("0", "1"), (angle("external_encoder_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "ORCA hand, motor_pos_3",
-        (
-            Column("timestamp", "time of day", "s"),
-            Column("motor_pos_{drive}", "position", "rad"),
-            Column("motor_current_{drive}", "effort", "mA"),
-            Column("motor_temp_{drive}", "temperature"),
-            Column("joint_cmd_{joint}", "joint goal", "deg"),
-        ),
-        (
-            Layout(
-                ("3", "7"),
-                (angle("thumb_mcp", "deg"), angle("index_pip", "deg")),
-                ("thumb_mcp", "index_pip"),
-            ),
-            Layout(("3",), (angle("aruco_index_mcp", "deg"),), ("index_mcp",)),
-        ),
-    ),
-    Style(
-        "Aero hand SDK, actuation_3",
-        (
-            Column("time", "time of day", "s"),
-            Column("actuation_{drive}", "position", "deg"),
-            Column("actuator_speed_{drive}", "velocity", "deg"),
-            Column("actuator_current_{drive}", "effort", "mA"),
-            Column("actuator_temperature_{drive}", "temperature"),
-            Column("actuation_cmd_{drive}", "goal", "deg"),
-        ),
-        (
-            Layout(("3", "4"), (angle("index_mcp_flex", "deg"), angle("middle_mcp_flex", "deg"))),
-            Layout(("3",), (angle("camera_mcp_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "Aero hand, ROS 2 by PlotJuggler",
-        (
-            Column("__time", "time of day", "s"),
-            Column("/right/actuator_states/actuations[{drive}]", "position", "deg"),
-            Column("/right/actuator_states/actuator_speeds[{drive}]", "velocity", "deg"),
-            Column("/right/actuator_states/actuator_currents[{drive}]", "effort", "mA"),
-            Column("/right/actuator_states/actuator_temperatures[{drive}]", "temperature"),
-            Column("/right/joint_control/target_positions[{joint}]", "joint goal", "rad"),
-        ),
-        (
-            Layout(("3",), (angle("/hand_tracker/index_mcp/angle", "rad"),), ("4",)),
-            Layout(
-                ("3", "4"),
-                (angle("/aruco/index_mcp/data", "deg"), angle("/aruco/middle_mcp/data", "deg")),
-                ("4", "7"),
-            ),
-        ),
-    ),
-    Style(
-        "JointState by PlotJuggler",
-        (
-            Column("__time", "time of day", "s"),
-            Column("/motor_states/{drive}/position", "position", "rad"),
-            Column("/motor_states/{drive}/velocity", "velocity", "rad"),
-            Column("/motor_states/{drive}/effort", "effort", "N m"),
-            Column("/position_controller/command/{drive}", "goal", "rad"),
-            Column("/motor_states/header/stamp", "time of day", "s", spare=True),
-            Column("/diagnostics/battery/voltage", "voltage"),
-        ),
-        (
-            Layout(("m1", "m2"), (angle("/mocap/mcp_angle/data", "rad"),)),
-            Layout(
-                ("m1", "m2", "m3", "m4"),
-                (
-                    angle("/joint_states/index_mcp/position", "rad"),
-                    angle("/joint_states/index_pip/position", "rad"),
-                ),
-            ),
-        ),
-    ),
-    Style(
-        "JointState by bagpy",
-        (
-            Column("Time", "time of day", "s"),
-            Column("header.seq", "counter", number=1202.0),
-            Column("header.stamp.secs", "seconds"),
-            Column("header.stamp.nsecs", "nanoseconds"),
-            Column("header.frame_id", "nothing"),
-            Column("name_{drive}", "text"),
-            Column("position_{drive}", "position", "rad"),
-            Column("velocity_{drive}", "velocity", "rad"),
-            Column("effort_{drive}", "effort", "N m"),
-        ),
-        (
-            Layout(("0", "1"), (angle("camera_angle", "rad"),)),
-            Layout(("0", "1"), (angle("imu_pitch_mcp", "rad"), angle("imu_pitch_pip", "rad"))),
-        ),
-    ),
-    Style(
-        "lab, enc_flex and cur_flex",
-        (
-            Column("t", "time", "s"),
-            Column("enc_{drive}", "position", "count"),
-            Column("cur_{drive}", "effort", "mA"),
-            Column("ref_{drive}", "goal", "count"),
-            Column("frame", "counter"),
-        ),
-        (
-            Layout(("flex", "ext"), (angle("mcp_angle", "deg"),)),
-            Layout(("flex", "ext"), (angle("camera_angle_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "lab, p1 i1 q1",
-        (
-            Column("t", "time", "s"),
-            Column("p{drive}", "position", "rad"),
-            Column("i{drive}", "effort", "A"),
-        ),
-        (
-            Layout(PAIR, (angle("q1", "rad"),)),
-            Layout(PAIR, (angle("q1", "rad"), angle("q2", "rad"))),
-        ),
-    ),
-    Style(
-        "lab, Teensy over serial",
-        (
-            Column("millis", "time", "ms"),
-            Column("enc{drive}", "position", "count"),
-            Column("I{drive}_mA", "effort", "mA", True),
-            Column("pwm{drive}", "pwm"),
-            Column("vbat", "voltage"),
-        ),
-        (
-            Layout(PAIR, (angle("pot_deg", "deg", True),)),
-            Layout(("A", "B"), (angle("imu_pitch", "deg"),)),
-        ),
-    ),
-    Style(
-        "lab, units in brackets",
-        (
-            Column("Time [s]", "time", "s", True),
-            Column("theta_m{drive} [rad]", "position", "rad", True),
-            Column("omega_m{drive} [rad/s]", "velocity", "rad"),
-            Column("F{drive} [N]", "effort", "N", True),
-            Column("theta_ref{drive} [rad]", "goal", "rad", True),
-        ),
-        (
-            Layout(PAIR, (angle("theta_joint [deg]", "deg", True),)),
-            Layout(PAIR, (angle("q [rad]", "rad", True),)),
-        ),
-    ),
-    Style(
-        "lab, linear actuators",
-        (
-            Column("elapsed_s", "time", "s", True),
-            Column("stroke_{drive}_mm", "position", "mm", True),
-            Column("loadcell_{drive}_N", "effort", "N", True),
-            Column("stroke_cmd_{drive}_mm", "goal", "mm", True),
-            Column("marker_x_px", "tip across"),
-            Column("marker_y_px", "tip along"),
-            Column("marker_id", "constant", number=17.0),
-        ),
-        (
-            Layout(PAIR, (angle("aruco_pip", "deg"),)),
-            Layout(("flex", "ext"), (angle("imu_pitch_deg", "deg", True),)),
-        ),
-    ),
-    Style(
-        "T-Motor AK, motor1_pos",
-        (
-            Column("time", "time", "s"),
-            Column("motor{drive}_pos", "position", "rad"),
-            Column("motor{drive}_vel", "velocity", "rad"),
-            Column("motor{drive}_tau", "effort", "N m"),
-            Column("motor{drive}_pos_des", "goal", "rad"),
-            Column("motor{drive}_kp", "constant", number=30.0),
-            Column("motor{drive}_kd", "constant", number=1.0),
-            Column("motor{drive}_temp", "temperature"),
-            Column("motor{drive}_err", "constant"),
-        ),
-        (
-            Layout(PAIR, (angle("mocap_theta", "rad"),)),
-            Layout(FOUR, (angle("encoder_shoulder", "rad"), angle("encoder_elbow", "rad"))),
-        ),
-    ),
-    Style(
-        "Unitree, motor_state[0].q",
-        (
-            Column("tick", "time", "ms"),
-            Column("motor_state[{drive}].q", "position", "rad"),
-            Column("motor_state[{drive}].dq", "velocity", "rad"),
-            Column("motor_state[{drive}].tau_est", "effort", "N m"),
-            Column("motor_state[{drive}].temperature", "temperature"),
-            Column("motor_cmd[{drive}].q", "goal", "rad"),
-            Column("motor_cmd[{drive}].kp", "constant", number=20.0),
-        ),
-        (
-            Layout(("0", "1"), (angle("joint_encoder", "rad"),)),
-            Layout(("0", "1"), (angle("joint_encoder_0", "rad"), angle("joint_encoder_1", "rad"))),
-        ),
-    ),
-    Style(
-        "TwinCAT, Axis_1.NcToPlc.ActPos",
-        (
-            Column("Time", "time", "ms"),
-            Column("GVL.Axis_{drive}.NcToPlc.ActPos", "position", "deg"),
-            Column("GVL.Axis_{drive}.NcToPlc.ActVelo", "velocity", "deg"),
-            Column("GVL.Axis_{drive}.NcToPlc.ActTorque", "effort", "permille"),
-            Column("GVL.Axis_{drive}.NcToPlc.SetPos", "goal", "deg"),
-            Column("GVL.Axis_{drive}.NcToPlc.PosDiff", "error", "deg"),
-            Column("GVL.Axis_{drive}.NcToPlc.ErrorCode", "constant"),
-        ),
-        (
-            Layout(PAIR, (angle("GVL.fJointAngle", "deg"),)),
-            Layout(PAIR, (angle("GVL.fJointAngle1", "deg"), angle("GVL.fJointAngle2", "deg"))),
-        ),
-    ),
-)
+def styles() -> list[Style]:
+    """Return all styles."""
+    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    return [
+        Style(
+            style["name"],
+            [column_of(row) for row in style["columns"]],
+            [
+                Layout(
+                    layout["drives"],
+                    [column_of(row) for row in layout["references"]],
+                    layout.get("joints", []),
+                )
+                for layout in style["layouts"]
+            ],
+        )
+        for style in tomllib.loads(text)["styles"]
+    ]
 
 
 @dataclass(frozen=True)
@@ -1011,10 +544,9 @@ def try_rig(style: Style, layout: Layout, rng: np.random.Generator, score: Score
     score.remarks += [f"wrong: {line}" for line in wrong]
 
 
-def score_of(style: Style, seeds: Iterable[int]) -> Score:
+def score_of(number: int, style: Style, seeds: Iterable[int]) -> Score:
     """Return how the columns of a style are read, a rig for each seed."""
     score = Score()
-    number = STYLES.index(style)
     for seed in seeds:
         rng = np.random.default_rng((seed, number))
         layout = style.layouts[seed % len(style.layouts)]
@@ -1033,7 +565,7 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=2, help="rigs of each style")
     arguments = parser.parse_args()
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.rigs)
-    scores = {style.name: score_of(style, seeds) for style in STYLES}
+    scores = {style.name: score_of(number, style, seeds) for number, style in enumerate(styles())}
     rows = [[name, *score.cells()] for name, score in scores.items()]
     totals = [sum(counts) for counts in zip(*(score.counts for score in scores.values()))]
     share = 100.0 * totals[0] / sum(totals)
