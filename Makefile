@@ -23,7 +23,7 @@ help:
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (an hour)"
 	@echo "make results    the other tables of docs/results: exports, guards, imported models, soak, studies (hours)"
-	@echo "make strangers  rigs and logs that distal was not built with, beside release 0.1"
+	@echo "make strangers  rigs and logs that distal was not built with"
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
 	@echo "make lerobot    copies of LeRobot datasets, read by three releases of LeRobot in environments of their own (gigabytes)"
 	@echo "make clean      remove .venv, out and caches"
@@ -125,8 +125,6 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.likelihood_power
 	$(BIN)/python -m benchmarks.strangers.drawn --processes 2
-	$(BIN)/python -m benchmarks.strangers.lacking --rigs 40 --processes 2
-	$(BIN)/python -m benchmarks.strangers.rough
 	$(BIN)/python -m benchmarks.commands --fit
 	$(BIN)/python -m benchmarks.control
 	$(BIN)/python -m benchmarks.sheaths
@@ -164,7 +162,7 @@ lerobot: $(INSTALLED)
 	done
 
 strangers: $(STAMP)
-	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json
+	$(BIN)/python -m benchmarks.strangers
 	$(BIN)/python -m benchmarks.ladder 5011
 
 clean:

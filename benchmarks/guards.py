@@ -111,7 +111,7 @@ def strange() -> list[Case]:
                     f"{bench}, {case}" if bench in ("glitches", "rigs") else bench, log, rig, homing
                 )
             )
-        return Record(bench, case, name, estimator, 0.0, 0.0, 0.0, None)
+        return Record(bench, case, name, estimator, 0.0, 0.0, 0.0)
 
     usual, scoring.score = scoring.score, collect
     known = scoring.score_known
@@ -131,7 +131,7 @@ def strange() -> list[Case]:
 
 
 def _nothing(*arguments: object) -> Record:
-    return Record("", "", "", "", 0.0, 0.0, 0.0, None)
+    return Record("", "", "", "", 0.0, 0.0, 0.0)
 
 
 _CASES: list[Case] = []

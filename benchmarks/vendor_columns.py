@@ -7,9 +7,10 @@ What was not read right is listed below the table.
 
 A style is a list of headers and of what each really holds (vendor_columns.toml). Its logs come
 from a plain quasi-static plant, antagonists or one motor to a joint on compliant tendons with
-friction; it shares no code with `distal.model`. The order of the columns is drawn, so the time may be anywhere. Where two
-columns of a drive are both its effort, as a torque and the current that it was computed from, or
-two are both times, one has to be found and the other one may be found or left.
+friction; it shares no code with `distal.model`. The order of the columns is drawn, so the time may
+be anywhere. Where two columns of a drive are both its effort, as a torque and the current that it
+was computed from, or two are both times, one has to be found and the other one may be found or
+left.
 
 The names were written down without a look at the words that the package knows.
 """

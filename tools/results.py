@@ -168,7 +168,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers-kinds": lambda: strangers(
         "strangers-kinds",
         names=("adaptive", "regression", "adaptive, nothing learned"),
-        only=lambda row: "homed over half" not in row["case"],
     ),
     "strangers-homing": lambda: strangers(
         "strangers-homing", names=("adaptive", "regression", "inextensible")

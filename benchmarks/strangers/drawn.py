@@ -39,7 +39,7 @@ from distal.rig import build_rig
 Floats = NDArray[np.float64]
 
 if TYPE_CHECKING:
-    from benchmarks.strangers.scoring import Job, Record, Table
+    pass
 
 
 NAME = "drawn"
@@ -222,49 +222,6 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
                 )
         rows.append([name, *cells])
     return [["median or mean, worst decile of rigs", *groups], *rows]
-
-
-def records_of(seed: int, stops: bool = False) -> list[Record]:
-    """Return the records of a rig for the tables of all benches."""
-    from benchmarks.strangers.scoring import Record
-
-    said, records = quiet(seed, stops), []
-    for one in said["judged"]:
-        case = (
-            f"{'one joint' if said['joints'] == 1 else 'several'}, "
-            f"{'' if said['inert'] else 'no '}inertia"
-        )
-        case += ": outside" if one["outside"] else ""
-        held = (round(one["rms"], 4), round(one["inside"], 4), round(one["half"], 4), None)
-        records.append(
-            Record(
-                NAME,
-                case,
-                one["log"],
-                one["estimator"],
-                *held,
-                "refused" if one["rms"] == LOST else "",
-            )
-        )
-    return records
-
-
-def jobs(quick: bool, first: int) -> list[Job]:
-    """Return the jobs, one for each rig; fits take minutes where kernels are interpreted."""
-    return [partial(records_of, seed) for seed in range(first, first + (2 if quick else RIGS))]
-
-
-def tables(records: list[Record]) -> list[Table]:
-    """Return the table by kind of rig and motion."""
-    from benchmarks.strangers.scoring import by_case
-
-    return [
-        by_case(
-            NAME,
-            "rigs drawn at random, fitted to three logs of 12 s, judged on three others",
-            records,
-        )
-    ]
 
 
 def main() -> None:

@@ -10,8 +10,8 @@ from functools import partial
 
 from tests.support.foreign_plants import finger_log, finger_rig, hand_log, hand_rig
 
-from benchmarks.strangers.library import Log, Rig, fit
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
+from distal import Log, Rig, fit
 
 NAME = "foreign"
 FITTED = 3

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.support.cases import MID_RANGE, scenario, spoiled
 
-from benchmarks.strangers.library import Log, simulate
 from benchmarks.strangers.plants import drawn_plant, wide_rig
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case
+from distal import Log, simulate
 
 NAME = "glitches"
 POSITIONS = ("x1", "x2")

@@ -9,8 +9,8 @@ from functools import partial
 
 from tests.support.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 
-from benchmarks.strangers.library import Log, Rig, fit
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
+from distal import Log, Rig, fit
 
 NAME = "hands"
 FITTED = 3

@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.strangers.library import Rig, load_rig, read_log
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.random_rigs import random_case
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
+from distal import Rig, load_rig, read_log
 
 NAME = "homing"
 HOMING = 3.0

@@ -10,13 +10,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from tests.support.maps import with_learned_map
 
-from benchmarks.strangers.library import load_rig, read_log
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import Job, Record, Table, by_case, score
-from distal import Log
+from distal import load_rig, read_log
 
 NAME = "kinds"
 HOMING = 3.0
@@ -29,16 +27,6 @@ HALVES = (
 
 CLASSES = ("run_0", "run_2", "run_4")
 """Classes of motion with the wrist straight; each is left out once."""
-
-
-def halved(log: Log) -> Log:
-    """Return the log with a homing move that covers half of its range, the half in which it
-    begins.
-    """
-    truth, early = log.truth["theta"], log.time - log.time[0] < HOMING
-    middle, first = 0.5 * (np.nanmin(truth) + np.nanmax(truth)), truth[np.isfinite(truth)][0]
-    beyond = (truth - middle) * (first - middle) < 0.0
-    return replace(log, truth={"theta": np.where(early & beyond, np.nan, truth)})
 
 
 def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> list[Record]:
@@ -59,10 +47,6 @@ def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> 
                 score(NAME, pose, name, log, rig, "adaptive", HOMING),
                 estimator="adaptive, nothing learned",
             ),
-            score(
-                NAME, f"{pose}, homed over half", name, halved(log), adaptive, "adaptive", HOMING
-            ),
-            score(NAME, f"{pose}, homed over half", name, halved(log), alone, "regression", HOMING),
         ]
     return records
 

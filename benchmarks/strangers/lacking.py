@@ -2,23 +2,12 @@
 rig file is silent about.
 
 Friction along the cable (Coulomb's, at three points), creep, play at the drives, moment arms that
-change with the angle, a motor's cogging. Each rig is fitted to three logs with an encoder and
-judged on three others, one of them of a wider and faster motion ("outside"), beside the map of the
-estimator and the rig as it came. Plants come to rest at each instant; no code of `distal.model` is
-shared.
-
-`python -m benchmarks.strangers.lacking --rigs 20 --first-seed 0 --save FILE.json`
+change with the angle, a motor's cogging. One of the logs is of a wider and faster motion
+("outside"). Plants come to rest at each instant; no code of `distal.model` is shared.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import time
-import warnings
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,13 +22,10 @@ from tests.support.drawn_plants import (
     prepared,
     ramps,
 )
-from tests.support.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, parameters
+from tests.support.drawn_rigs import RATE, WIDER, Drawn
 
-from benchmarks.report import table
-from benchmarks.strangers.drawn import judged
-from distal import Log, fit
+from distal import Log
 from distal.logs import FROM_SENSOR
-from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
 
@@ -195,133 +181,3 @@ def logs_of(
             )
         )
     return logs, has
-
-
-def run_rig(seed: int) -> Raw:
-    """Return all that is reported of the rig of a seed."""
-    warnings.simplefilter("ignore")
-    rig = drawn_rig(2 * seed, False)  # the plants of even seeds have no inertia
-    logs, has = logs_of(rig, seed)
-    described = build_rig(rig.raw, f"lacking {seed}")
-    began = time.process_time()
-    found = fit(logs[:FITTED], described)
-    said: Raw = {"seed": seed, "kind": rig.kind, "has": list(has), "part": found.part or None}
-    said |= {"fit_s": time.process_time() - began, "converged": bool(found.converged)}
-    said["candidates"] = [(each.name, float(np.rad2deg(each.error))) for each in found.candidates]
-    parts = [part for part in found.fitted if not part.noise and part.prior_std > 0]
-    known = parameters(rig.raw)
-    said["values"] = [
-        {
-            "path": path,
-            "errors": (float(part.value) - rig.truth[path]) / max(float(part.error), 1e-300),
-            "priors": (float(part.value) - float(part.start)) / float(part.prior_std),
-        }
-        for part in parts
-        for path in [path for path in part.paths if path in rig.truth and path in known][:1]
-    ]
-    rigs = {
-        "fitted": (found.rig, "adaptive"),
-        "regression": (found.rig, "regression"),
-        "as it came": (described, "adaptive"),
-    }
-    said["judged"] = [
-        judged(log, own, estimator) | {"estimator": name}
-        for name, (own, estimator) in rigs.items()
-        for log in logs[FITTED:]
-    ]
-    return said
-
-
-def of(said: Raw, estimator: str, key: str, outside: bool) -> float:
-    """Return the mean of a number of an estimator on the logs of a rig, those of the wider motion
-    or the others.
-    """
-    return float(
-        np.mean(
-            [
-                one[key]
-                for one in said["judged"]
-                if one["estimator"] == estimator and one["outside"] == outside
-            ]
-        )
-    )
-
-
-def line(said: Raw) -> str:
-    """Return what is reported of a rig in a line."""
-    about = f"{said['seed']:4d} {said['kind']:19s} {' + '.join(said['has']):38s}"
-    text = f"{about} → {said['part']!s:34s} {said['fit_s']:5.1f} s"
-    text += (
-        "  beyond 3 errors "
-        f"{sum(abs(one['errors']) > 3 for one in said['values'])}/{len(said['values'])}"
-    )
-    text += f", 4 priors {sum(abs(one['priors']) > 4 for one in said['values'])}"
-    for outside in (False, True):
-        text += "  outside" if outside else "  motion"
-        for name in ("fitted", "regression", "as it came"):
-            text += (
-                f" {of(said, name, 'rms', outside):.2f}° "
-                f"({100 * of(said, name, 'inside', outside):.0f} %)"
-            )
-    return text + f"  {said['candidates'][0][0] if said['candidates'] else '–'}"
-
-
-def summary(records: Sequence[Raw]) -> list[list[str]]:
-    """Return rows: by place, RMS of the fitted rig over the better of the others, median and worst
-    decile, and inside.
-    """
-    rows = []
-    for outside in (False, True):
-        best = [
-            min(of(one, name, "rms", outside) for name in ("regression", "as it came"))
-            for one in records
-        ]
-        ratio = [of(one, "fitted", "rms", outside) / least for one, least in zip(records, best)]
-        inside = [of(one, "fitted", "inside", outside) for one in records]
-        rows.append(
-            [
-                "outside" if outside else "motion",
-                f"{np.median(ratio):.2f}, {np.quantile(ratio, 0.9):.2f}",
-                f"{np.median([of(one, 'fitted', 'rms', outside) for one in records]):.3f}",
-                f"{100 * np.mean(inside):.0f}, {100 * np.quantile(inside, 0.1):.0f}",
-            ]
-        )
-    return rows
-
-
-def main() -> None:
-    """Run, print and store."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.strangers.lacking", description=__doc__
-    )
-    parser.add_argument("--rigs", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--save", type=Path, metavar="FILE.json")
-    parser.add_argument("--processes", type=int, default=1)
-    asked = parser.parse_args()
-    seeds, records = range(asked.first_seed, asked.first_seed + asked.rigs), list[Raw]()
-    with ProcessPoolExecutor(asked.processes) as pool:
-        for said in map(run_rig, seeds) if asked.processes == 1 else pool.map(run_rig, seeds):
-            records.append(said)
-            print(line(said), flush=True)
-            if asked.save:
-                asked.save.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
-    columns = [
-        "where",
-        "RMS / best of regression and as it came: median, worst decile",
-        "RMS, median [°]",
-        "inside [%]: mean, worst decile",
-    ]
-    values = [one for said in records if said["part"] is None for one in said["values"]]
-    beyond = [abs(one["errors"]) > 3 for one in values] or [False]
-    print(f"numbers beyond 3 errors where no part is named: {np.mean(beyond):.1%} of {len(values)}")
-    table(
-        "strangers-lacking",
-        f"{len(records)} rigs whose files are silent about something",
-        columns,
-        summary(records),
-    )
-
-
-if __name__ == "__main__":
-    main()

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from tests.support.cases import WINDOW
 
-from benchmarks.strangers.library import Rig, printed_rig
+from distal import Rig, load_rig
 
 
 def wide_rig() -> Rig:
     """Return the paper's rig as printed, in a travel of 20 mm: what the filters know."""
-    return printed_rig().with_values(WINDOW)
+    return load_rig("paper-2008-printed").with_values(WINDOW)
 
 
 def drawn_plant(rng: np.random.Generator) -> dict[str, Any]:

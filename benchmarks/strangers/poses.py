@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from tests.support.maps import with_learned_map
 
-from benchmarks.strangers.library import Log, Rig, load_rig, read_log
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, record, score
+from distal import Log, Rig, load_rig, read_log
 
 NAME = "poses"
 HOMING = 3.0
@@ -50,7 +50,7 @@ def least_squares(log: Log, case: str, name: str) -> Record:
     late = there & ~(log.time - log.time[0] < HOMING)
     inverse = np.linalg.inv(design[early].T @ design[early])
     stds = np.sqrt(spread * (1.0 + np.sum(design[late] @ inverse * design[late], axis=1)))
-    return record(NAME, case, name, LEAST_SQUARES, design[late] @ weights - true[late], stds, None)
+    return record(NAME, case, name, LEAST_SQUARES, design[late] @ weights - true[late], stds)
 
 
 def run(case: str, path: Path) -> list[Record]:

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.strangers.library import DistalError, Log, Rig, build_rig, build_scenario, simulate
 from benchmarks.strangers.random_draw import Draw
+from distal import DistalError, Log, Rig, simulate
+from distal.rig import build_rig
+from distal.simulation import build_scenario
 
 TAG = 300
 """Keeps these draws apart from those of other benches with the same seed."""

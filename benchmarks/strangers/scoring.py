@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,19 +10,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.shell import estimate as by_command
-from benchmarks.strangers.library import (
-    DistalError,
-    Log,
-    Rig,
-    build_rig,
-    diagnosed,
-    estimate,
-)
+from distal import DistalError, Log, Rig
+from distal.confidence import BAND
+from distal.rig import build_rig
 
 ESTIMATORS = ("adaptive", "regression", "inextensible", "elastic", "ekf")
-BAND = 1.959963984540054
-"""Half-width of a 95 % band in standard deviations."""
-
 KNOWN = "adaptive, plant known"
 """The filter with the plant's values: what the model class can give."""
 
@@ -42,7 +34,6 @@ class Record:
         rms: error of the angle [deg].
         inside: share of samples with the truth inside the 95 % band.
         half: mean half-width of that band [deg].
-        consistent: whether the diagnosis says so; None where it has nothing to test.
         note: empty, "diverged" or "refused".
     """
 
@@ -53,18 +44,11 @@ class Record:
     rms: float
     inside: float
     half: float
-    consistent: bool | None
     note: str = ""
-
-    @property
-    def key(self) -> tuple[str, str, str, str]:
-        """What the record is of."""
-        return self.bench, self.case, self.log, self.estimator
 
 
 Job = partial[list[Record]]
-Make = Callable[[bool, int], list[Job]]
-"""(quick, seed of the first log) → jobs; each returns its records."""
+"""Returns its records."""
 
 
 def score(
@@ -83,29 +67,13 @@ def score(
         result = by_command(log, rig, estimator, homing=homing)
     except DistalError as problem:
         note = "diverged" if "left all bounds" in str(problem) else "refused"
-        return Record(bench, case, name, estimator, LOST, 0.0, 0.0, None, note)
+        return Record(bench, case, name, estimator, LOST, 0.0, 0.0, note)
     errors, stds = result.errors(), result.theta_std
     there = np.isfinite(errors)
-    # interpreted kernels give the same numbers to the last bit, and most rigs here are used once
-    diagnosable = estimate(result.log, rig, estimator, compiled=False, homing=homing)
-    # what it cannot test, which takes long, changes nothing here
-    consistent = (
-        diagnosed(diagnosable, result.log, rig, homing, what_if=False).consistent
-        if len(diagnosable.measured)
-        else None
-    )
     # more than half a turn off, or a band that is no number
     lost = bool(np.any(np.abs(errors[there]) > np.pi) or not np.all(np.isfinite(stds[there])))
-    return record(
-        bench,
-        case,
-        name,
-        estimator,
-        errors[there],
-        stds[there],
-        consistent,
-        "diverged" if lost else "",
-    )
+    note = "diverged" if lost else ""
+    return record(bench, case, name, estimator, errors[there], stds[there], note)
 
 
 def record(
@@ -115,18 +83,15 @@ def record(
     estimator: str,
     errors: Any,
     stds: Any,
-    consistent: bool | None,
     note: str = "",
 ) -> Record:
     """Return the record of errors and standard deviations [rad], (k,) each."""
     if note:
-        return Record(bench, case, name, estimator, LOST, 0.0, 0.0, consistent, note)
+        return Record(bench, case, name, estimator, LOST, 0.0, 0.0, note)
     rms = float(np.rad2deg(np.sqrt(np.mean(errors**2))))
     inside = float(np.mean(np.abs(errors) <= BAND * stds))
     half = float(np.rad2deg(BAND * np.mean(stds)))
-    return Record(
-        bench, case, name, estimator, round(rms, 4), round(inside, 4), round(half, 4), consistent
-    )
+    return Record(bench, case, name, estimator, round(rms, 4), round(inside, 4), round(half, 4))
 
 
 def all_estimators(
@@ -166,7 +131,7 @@ def score_known(
 
 @dataclass(frozen=True)
 class Table:
-    """A table of numbers: rows are found by their labels, so that two runs can stand side by side.
+    """A table of numbers: rows are found by their labels.
 
     Args:
         name: of its file.
@@ -190,15 +155,8 @@ POOLED = (
     ("worst log [°]", 2),
     ("inside 95 % band [%]", 0),
     ("half-width / RMS", 1),
-    ("consistent [%]", 0),
     ("diverged or refused", 0),
 )
-
-
-def share(values: Iterable[bool | None]) -> float:
-    """Return the share of true ones [%], those that are None left out; NaN if there are none."""
-    known = [value for value in values if value is not None]
-    return 100.0 * float(np.mean(known)) if known else float("nan")
 
 
 def pooled(records: Sequence[Record]) -> tuple[float, ...]:
@@ -211,7 +169,6 @@ def pooled(records: Sequence[Record]) -> tuple[float, ...]:
         max(one.rms for one in records),
         100.0 * float(np.mean([one.inside for one in records])),
         float(np.mean([one.half for one in records])) / rms,
-        share(one.consistent for one in records),
         float(sum(1 for one in records if one.note)),
     )
 

@@ -8,8 +8,8 @@ from functools import partial
 
 from tests.support.cases import INTO_STOPS, MID_RANGE, PLANTS, WINDOW, WITHIN, paper_log
 
-from benchmarks.strangers.library import load_rig, load_scenario, printed_rig, simulate
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case
+from distal import load_rig, load_scenario, simulate
 
 NAME = "series"
 SERIES = ("series-1-soft", "series-1", "series-2", "series-2-medium", "series-2-high")
@@ -24,7 +24,7 @@ def run(series: str, seed: int) -> list[Record]:
     """
     scenario = load_scenario(series)
     shipped = load_rig(SHIPPED.get(series, "paper-2008")).with_values(scenario.set)
-    true = printed_rig().with_values(
+    true = load_rig("paper-2008-printed").with_values(
         {**(SOFT if series == "series-1-soft" else {}), **scenario.set}
     )
     log = simulate(true, scenario.model_copy(update={"plant": PLANTS["as observed"]}), seed)

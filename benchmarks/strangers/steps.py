@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 from tests.support.cases import DURATION
 
-from benchmarks.strangers.library import build_scenario, simulate
 from benchmarks.strangers.plants import drawn_plant, wide_rig
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case, score_known
+from distal import simulate
+from distal.simulation import build_scenario
 
 NAME = "steps"
 FAST, SLOW = (0.5, 1.0), (1.0, 2.0)

@@ -6,8 +6,6 @@ to five. The plants have no inertia (`drawn_plants.balanced`). Calibration logs 
 * "held": a wrist of three joints at 40 Hz with motor torques; in some logs only one drive moves.
 * "stop and go": the same wrist read 2.4 times a second, no torques, more play; motions with long
   rests.
-
-Two more kinds are in `benchmarks/strangers/rough_kinds.py`.
 """
 
 from __future__ import annotations
