@@ -22,7 +22,7 @@ help:
 	@echo "make lab        the paper's rig in the browser, docs/lab.html, which the site and the demo show"
 	@echo "make bench      accuracy and speed of stepping, filters, batches, processes; the filter on a microcontroller"
 	@echo "make accuracy   rigs it was not built with; plants x scenarios x estimators x 20 seeds; fits (an hour)"
-	@echo "make results    the other tables of docs/results: exports, guards, imported models, soak, studies (hours)"
+	@echo "make results    the other tables of docs/results: exports, guards, imported models, soak (hours)"
 	@echo "make strangers  rigs and logs that distal was not built with"
 	@echo "make reliability  20,000 hostile rigs, logs and stream inputs each (6 minutes)"
 	@echo "make lerobot    copies of LeRobot datasets, read by three releases of LeRobot in environments of their own (gigabytes)"
@@ -141,7 +141,6 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.hysteresis
 	$(BIN)/python -m benchmarks.imported_models
 	$(BIN)/python -m benchmarks.paper_search
-	$(BIN)/python -m benchmarks.models
 	$(BIN)/python -m benchmarks.mujoco_tendons
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent
@@ -150,7 +149,6 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.smoothing
 	$(BIN)/python -m benchmarks.soak
 	$(BIN)/python -m benchmarks.odd_logs
-	$(BIN)/python -m benchmarks.study
 	$(BIN)/python -m benchmarks.batch_estimator
 
 lerobot: $(INSTALLED)

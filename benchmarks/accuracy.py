@@ -34,7 +34,7 @@ from tests.support.lower_bound import lower_bound
 
 import distal
 from benchmarks.report import FOLDER, table
-from benchmarks.rivals import RIVALS
+from benchmarks.rivals import IteratedFilter
 from benchmarks.shell import Found, estimate
 from distal import ESTIMATORS, Estimate, Log, Rig, load_rig, read_log
 from distal.confidence import BAND
@@ -46,7 +46,6 @@ the one that is judged.
 """
 
 COMPARED = (*ABLE, "iterated")
-"""On every log; the two slow rivals only on the logs of another simulator."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,9 @@ class Score:
 
 
 def found_by(name: str, log: Log, rig: Rig) -> Estimate | Found:
-    """Return what the command finds with an estimator of that name, or what a rival does."""
-    if name in RIVALS:
-        return distal.estimate(log, rig, RIVALS[name](rig))
+    """Return what the command finds with an estimator of that name, or what the rival does."""
+    if name == "iterated":
+        return distal.estimate(log, rig, IteratedFilter(rig))
     return estimate(log, rig, name)
 
 
@@ -180,7 +179,6 @@ def main() -> None:
             scores.extend(part)
     goals(scores)
     rivals(scores)
-    everything(scores)
     picture(scores)
     recorded()
     print(f"{len(jobs)} logs, {len(scores)} estimates in {time.perf_counter() - started:.0f} s")
@@ -243,36 +241,6 @@ def rivals(scores: list[Score]) -> None:
     table("accuracy-rivals", title, ["plants", "estimator", *COLUMNS], rows)
 
 
-def everything(scores: list[Score]) -> None:
-    """Print every case and estimator."""
-    rows = []
-    for kind in (*SCENARIOS, "hand"):
-        for plant in (*PLANTS, "given", "unknown"):
-            for name in (*COMPARED, "adaptive, spoiled log"):
-                chosen = [
-                    one
-                    for one in scores
-                    if (one.case, one.plant, one.estimator) == (kind, plant, name)
-                ]
-                if chosen:
-                    rows.append([kind, plant, name, *pooled(chosen)])
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    columns = ["case", "plant", "estimator", *COLUMNS]
-    adaptive = [row for row in rows if row[2] == "adaptive"]
-    table(
-        "accuracy-adaptive",
-        "`adaptive`, every case",
-        [c for c in columns if c != "estimator"],
-        [[*r[:2], *r[3:]] for r in adaptive],
-    )
-    lines = [
-        f"| {' | '.join(columns)} |",
-        f"|{'---|' * len(columns)}",
-        *(f"| {' | '.join(row)} |" for row in rows),
-    ]
-    (FOLDER / "accuracy-all.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def recorded() -> None:
     """Print the logs that another simulator made, where DISTAL_DATA says where they are."""
     folder = os.environ.get("DISTAL_DATA")
@@ -288,7 +256,7 @@ def recorded() -> None:
     for label, (motion, rig) in cases.items():
         path = Path(folder) / "mujoco_rig" / f"mujoco_tension_{motion}.csv"
         log = read_log(path, rig, path.with_name(f"mujoco_tension_{motion}.truth.csv"))
-        for name in (*ABLE, *RIVALS):
+        for name in COMPARED:
             rows.append(
                 [
                     label,

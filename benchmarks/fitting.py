@@ -1,5 +1,4 @@
-"""How well a fit finds a plant, with and without truth, on another simulator, and on a real
-instrument.
+"""How well a fit finds a plant, and a real instrument.
 
 `python -m benchmarks.fitting` (part of `make accuracy`); the tables are saved in out/bench.
 """
@@ -10,14 +9,12 @@ import argparse
 import os
 import time
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig, without_truth
+from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig
 
 from benchmarks.report import table
-from benchmarks.shell import estimate
 from distal import fit, load_rig
 from distal.errors import DistalError
 from distal.fitting import AS_GIVEN, WRITTEN
@@ -31,19 +28,6 @@ def with_truth(seed: int) -> list[tuple[float, float, float]]:
     plant, true = drawn_plant(seed)
     found = fit(logs_of(rig, plant, seed), rig, FREE, workers=1)
     return [(found[name].value, found[name].error, value) for name, value in zip(FREE, true)]
-
-
-def blind(seed: int) -> tuple[float, float, float]:
-    """Return the RMS error on two new logs [°]: rig as it came, fitted without truth, true rig."""
-    rig = start_rig()
-    plant, _ = drawn_plant(seed)
-    found = fit([without_truth(log) for log in logs_of(rig, plant, seed)], rig, workers=1)
-    held = logs_of(rig, plant, seed + 1000, ("ramps", "servo"))
-    rigs = (rig, found.rig, rig.with_values(plant))
-    errors = [
-        np.sqrt(np.mean([estimate(log, each).rms_error() ** 2 for log in held])) for each in rigs
-    ]
-    return tuple(float(np.rad2deg(error)) for error in errors)  # type: ignore[return-value]
 
 
 def parameters(seeds: int, processes: int) -> None:
@@ -77,67 +61,6 @@ def parameters(seeds: int, processes: int) -> None:
     table(
         "fit-parameters",
         f"Three 10 s logs with truth, {seeds} plants and seeds (`distal fit`)",
-        columns,
-        rows,
-    )
-
-
-def next_log(seeds: int, processes: int) -> None:
-    """Print the errors on new logs after a fit without truth."""
-    with ProcessPoolExecutor(processes) as pool:
-        fitted = np.array(list(pool.map(blind, range(seeds))))
-    pooled = np.sqrt(np.mean(fitted**2, axis=0))
-    ratio = fitted[:, 1] / fitted[:, 2]
-    row = [
-        *(f"{value:.3f}" for value in pooled),
-        f"{pooled[1] / pooled[2]:.2f}",
-        f"{ratio.max():.2f}",
-    ]
-    columns = ["rig as it came [°]", "fitted [°]", "true rig [°]", "fitted / true", "worst seed"]
-    table(
-        "fit-blind",
-        f"Fitted to three logs without truth, RMS on new logs, {seeds} plants",
-        columns,
-        [row],
-    )
-
-
-def other_simulator() -> None:
-    """Print errors on MuJoCo logs after a fit to one of them."""
-    try:
-        from tests import mujoco_plant
-    except ImportError:
-        print("MuJoCo is not installed: its table is left out")
-        return
-    rig, rows = load_rig("pulley-antagonist"), []
-    for share, sensors in ((0.8, 50), (1.0, 51), (1.2, 52)):
-        made = partial(
-            mujoco_plant.log, sensors=sensors, link_friction=share * mujoco_plant.LINK_FRICTION
-        )
-        try:
-            logs = [made(seed) for seed in range(6)]
-        except ImportError:
-            print("MuJoCo is not installed: its table is left out")
-            return
-        cells = [f"friction × {share:g}"]
-        for each in (rig, fit(logs[:1], rig).rig):
-            estimates = [estimate(log, each) for log in logs[1:]]
-            rms = np.sqrt(np.mean([one.rms_error() ** 2 for one in estimates]))
-            cells += [
-                f"{np.rad2deg(rms):.3f}",
-                f"{100 * np.mean([one.inside_band() for one in estimates]):.0f} %",
-            ]
-        rows.append(cells)
-    columns = [
-        "plant",
-        "as it came [°]",
-        "band",
-        "fitted [°]",
-        "band",
-    ]
-    table(
-        "fit-mujoco",
-        "MuJoCo: fitted to one servo log, RMS on five others of the same sensors",
         columns,
         rows,
     )
@@ -192,14 +115,11 @@ def main() -> None:
     """Run, print and save."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--blind-seeds", type=int, default=12)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
     started = time.perf_counter()
     fit(logs_of(start_rig(), {}, 0, ("ramps",), 2.0), start_rig(), FREE, workers=1)  # compiled once
     parameters(arguments.seeds, arguments.processes)
-    next_log(arguments.blind_seeds, arguments.processes)
-    other_simulator()
     instrument()
     print(f"{time.perf_counter() - started:.0f} s")
 

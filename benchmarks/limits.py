@@ -10,104 +10,35 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from distal import Log, estimate_batch, make_estimator
 from distal.estimators import KernelEstimator
-from distal.kernels import Feed, LaneKernel, Recipe, find_compiler
+from distal.kernels import find_compiler
 from distal.kernels.compiler import FLAGS, OPTIMISED, Compiler
 from distal.rig import Rig
 from distal.run import LiveEstimator, samples_of
 
 HANDWRITTEN = Path(__file__).parent / "handwritten" / "ekf.c"
 REPEATS = 25
-Summary = Callable[[list[float]], Any]
 
 
-def scan_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
+def scan_time(
+    estimator: KernelEstimator, log: Log, summary: Callable[[list[float]], float] = np.median
+) -> float:
     """Return the time per sample of a whole log's loop in C [µs], the median of some repeats."""
     samples = samples_of(log, estimator.channels)
     rows, _ = estimator.checked_rows(estimator.initial(log.time[0], samples[0]), log.time, samples)
     kernel_state = estimator.initial(log.time[0], samples[0]).kernel_state
-    return _timed(
-        lambda: estimator.kernel.scan(kernel_state, rows, estimator.parameters), summary
-    ) / len(rows)
-
-
-def lane_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
-    """Return the time per sample and run of as many logs as there are vector lanes, in one loop
-    [µs].
-    """
-    samples = samples_of(log, estimator.channels)
-    start = estimator.initial(log.time[0], samples[0])
-    rows, _ = estimator.checked_rows(start, log.time, samples)
-    kernel = LaneKernel(Recipe(lambda: estimator.kernel.function))
-    runs = kernel.lanes * [Feed(start.kernel_state, rows, estimator.parameters)]
-    return _timed(lambda: kernel.scan(runs, [0]), summary) / len(rows) / kernel.lanes
+    scan = estimator.kernel.scan
+    return _timed(lambda: scan(kernel_state, rows, estimator.parameters), summary) / len(rows)
 
 
 def build(compiler: Compiler, source: Path, library: Path) -> None:
     """Compile a rival as a person would: for this processor, with full optimisation."""
     command = [*compiler.command, OPTIMISED, *FLAGS, str(source), "-o", str(library), "-lm"]
     subprocess.run(command, check=True)
-
-
-_SCAN = """
-long long loop(long long n, const double* kernel_state, const double* x, const double* p, double* kernel_states, double* y) {{
-  const double* arg[{sz_arg}];
-  double* res[{sz_res}];
-  casadi_int iw[{sz_iw}];
-  double w[{sz_w}];
-  long long k;
-  for (k = 0; k < n; ++k) {{
-    arg[0] = kernel_state; arg[1] = x + k * {n_x}; arg[2] = p;
-    res[0] = kernel_states + k * {n_kernel_state}; res[1] = y + k * {n_y};
-    if ({name}(arg, res, iw, w, 0)) return k;
-    kernel_state = kernel_states + k * {n_kernel_state};
-  }}
-  return n;
-}}
-"""
-
-
-def casadi_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
-    """Return the time per sample of the same function in the C of CasADi's own generator [µs]."""
-    compiler, function = find_compiler(), estimator.kernel.function
-    assert not isinstance(compiler, str)
-    generator = ca.CodeGenerator("casadi.c", {"with_header": False, "main": False})
-    generator.add(function)
-    loop = _SCAN.format(
-        name=function.name(),
-        sz_arg=function.sz_arg(),
-        sz_res=function.sz_res(),
-        sz_iw=function.sz_iw() + 1,
-        sz_w=function.sz_w() + 1,
-        n_x=function.numel_in(1),
-        n_kernel_state=function.numel_out(0),
-        n_y=function.numel_out(1),
-    )
-    samples = samples_of(log, estimator.channels)
-    start = estimator.initial(log.time[0], samples[0])
-    rows, _ = estimator.checked_rows(start, log.time, samples)
-    with tempfile.TemporaryDirectory() as folder:
-        source, library = Path(folder) / "casadi.c", Path(folder) / "casadi.so"
-        source.write_text(generator.dump() + loop)
-        build(compiler, source, library)
-        call = ctypes.CDLL(str(library)).loop
-        arrays = [
-            np.array(start.kernel_state),
-            np.ascontiguousarray(rows),
-            np.array(estimator.parameters),
-        ]
-        arrays += [np.zeros((len(rows), function.numel_out(i))) for i in range(2)]
-        arguments = [
-            ctypes.c_longlong(len(rows)),
-            *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
-        ]
-        return _timed(lambda: call(*arguments), summary) / len(rows)
 
 
 def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
@@ -139,12 +70,14 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
     return taken, float(np.abs(arrays[3][:, 0] - known[:, 0]).max())
 
 
-def _timed(call: object, summary: Summary = np.median) -> float:
+def _timed(
+    call: Callable[[], object], summary: Callable[[list[float]], float] = np.median
+) -> float:
     """Return the median time of a call, or another summary of its times [µs]."""
     taken = []
     for _ in range(REPEATS):
         start = time.perf_counter_ns()
-        call()  # type: ignore[operator]
+        call()
         taken.append((time.perf_counter_ns() - start) / 1e3)
     return float(summary(taken))
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from benchmarks.report import FOLDER, microseconds, table
+from benchmarks.report import FOLDER, table
 from distal import Rig, load_rig
 from distal.model import Kick, Mechanism, interval_step, kick_and_drift, responses
 
@@ -188,38 +188,7 @@ def main() -> None:
     ]
     title = "RMS error of the joint angle [°], free / into the stops, by sub-steps per 10 ms"
     table("stepping", title, ["scheme", *map(str, COUNTS)], rows)
-    costs(Mechanism(cases["stops"]))
     picture(errors)
-
-
-def costs(mechanism: Mechanism) -> None:
-    """Print the time of one interval of each scheme in CasADi's interpreter."""
-    rows = []
-    base = None
-    for name, make in SCHEMES.items():
-        step = make(mechanism, 15)
-        buffer, trigger = step.buffer()  # type: ignore[attr-defined]
-        arrays = [
-            START,
-            np.zeros(3),
-            np.array([0.0, 4.0, 2.0]),
-            np.array([DT]),
-            mechanism.parameters.values,
-        ]
-        results = [np.zeros(3), np.zeros(3)]
-        for i, array in enumerate(arrays):
-            buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(results):
-            buffer.set_res(i, memoryview(array))
-        time = microseconds(trigger)
-        base = base or time
-        rows.append([name, f"{time:.1f}", f"{time / base:.2f}"])
-    table(
-        "stepping-cost",
-        "Cost of 10 ms with 15 sub-steps, interpreted",
-        ["scheme", "µs", "ratio"],
-        rows,
-    )
 
 
 def picture(errors: dict[str, dict[str, list[float]]]) -> None:

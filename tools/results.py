@@ -18,7 +18,6 @@ ROOT = Path(__file__).parents[1]
 FIGURES = {
     "out/reproduce/figure-5.png": "paper-figure-5.png",
     "out/bench/stepping.svg": "stepping.svg",
-    "out/bench/speed.svg": "speed.svg",
     "out/bench/accuracy.svg": "accuracy.svg",
 }
 
@@ -113,13 +112,7 @@ PARTS = ("part", "within 2 standard errors", "RMS, fitted [°]", "ratio", "insid
 TABLES: dict[str, Callable[[], str]] = {
     "claims": claims,
     "stepping": lambda: part("stepping", "scheme", "6", "10", "15", "30"),
-    "speed": lambda: part(
-        "speed",
-        "what",
-        "median [µs]",
-        "ratio to the first",
-        only=lambda row: not re.search("interpreted|CasADi|ekf-2008|inextensible", row["what"]),
-    ),
+    "speed": lambda: part("speed"),
     "accuracy-goals": lambda: part(
         "accuracy-goals", "case", "RMS [°]", "worst seed [°]", "inside 95 % band", "half-width [°]"
     ),
@@ -128,14 +121,6 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "accuracy-mujoco": lambda: accuracy(
         "accuracy-mujoco", keys=("log",), names=(*RIVALS, "ekf-2008", "iterated")
-    ),
-    "smoothing": lambda: part(
-        "smoothing",
-        "logs",
-        "filter [°]",
-        "smoother [°]",
-        "inside, smoother",
-        only=lambda row: not row["logs"].startswith("series-2-"),
     ),
     "chains": lambda: side_by_side(
         "chains",
@@ -150,7 +135,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "microcontroller": lambda: part(
         "microcontroller", only=lambda row: row["estimator"] == "adaptive"
     ),
-    "lab": lambda: part("lab", only=lambda row: row["width [pixels]"] == "1400"),
     "silent": lambda: part("silent"),
     "exports": lambda: part("exports"),
     "strangers-steps": lambda: strangers(
@@ -181,14 +165,11 @@ TABLES: dict[str, Callable[[], str]] = {
         for name in (
             "control-paper",
             "control-finger",
-            "control-seconds",
             "chains-bounds",
-            "fit-mujoco",
             "fit-command-lacking",
             "fit-command-named",
             "hysteresis",
             "float-errors",
-            "reliability",
         )
     },
 }
