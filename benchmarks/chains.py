@@ -2,20 +2,17 @@
 stick–slip is solved.
 
 `python -m benchmarks.chains` prints all; `python -m benchmarks.chains accuracy --first-seed 500
---seeds 5` one table. The logs of `$DISTAL_DATA/finger` are read where they are there; the other
-plants are those of `tests/support/chain_plants`. Logs with a contact are read with a torque that
-may occur.
+--seeds 5` one table. The plants are those of `tests/support/chain_plants`. Logs with a contact are
+read with a torque that may occur.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -26,7 +23,7 @@ from benchmarks.chain_logs import make_log
 from benchmarks.limits import scan_time
 from benchmarks.report import table
 from benchmarks.shell import Found, estimate
-from distal import Log, Rig, load_rig, read_log
+from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
@@ -45,23 +42,18 @@ COLUMNS = (
     "plant",
     "log",
     "estimator",
-    "RMS of the joints [°]",
     "mean [°]",
     "inside [%]",
-    "half-width/RMS",
     "seen sum [°]",
 )
 
 
 @dataclass(frozen=True)
 class Score:
-    """Errors of one estimate [°]: of each joint, the share inside, half-width over RMS, and of what
-    the tendons see.
-    """
+    """Errors of one estimate [°]: of each joint, the share inside, and of what the tendons see."""
 
     rms: np.ndarray
     inside: float
-    width: float
     seen: float
 
 
@@ -77,7 +69,7 @@ def score(result: Found, arms: np.ndarray) -> Score:
     )
     rms = np.sqrt(np.mean(errors**2, axis=0))
     seen = float(np.sqrt(np.mean((errors @ arms / arms.sum()) ** 2)))
-    return Score(rms, float(np.mean(np.abs(errors) <= half)), float(half.mean() / rms.mean()), seen)
+    return Score(rms, float(np.mean(np.abs(errors) <= half)), seen)
 
 
 def without_forces(rig: Rig) -> Rig:
@@ -109,12 +101,6 @@ def simulated(name: str, kind: str, seed: int) -> Log:
     return Log(columns["time"], channels, known, f"{name} {kind} {seed}", "the simulation")
 
 
-def recorded(folder: Path, name: str, kind: str) -> Log:
-    """Return a log of a plant that others wrote."""
-    stem = f"{SHIPPED[name][0]}_{kind}"
-    return read_log(folder / f"{stem}.csv", load_rig(name), folder / f"{stem}.truth.csv")
-
-
 def rows_of(logs: Sequence[Log], name: str, kind: str) -> list[list[str]]:
     """Return a row for each estimator, means over the logs."""
     rig, bare = described(name, kind), without_forces(load_rig(name))
@@ -134,10 +120,8 @@ def rows_of(logs: Sequence[Log], name: str, kind: str) -> list[list[str]]:
                 name,
                 kind,
                 label,
-                " ".join(f"{each:.2f}" for each in rms),
                 f"{rms.mean():.2f}",
                 f"{100 * np.mean([one.inside for one in scores]):.0f}",
-                f"{np.mean([one.width for one in scores]):.1f}",
                 f"{np.mean([one.seen for one in scores]):.2f}",
             ]
         )
@@ -145,22 +129,12 @@ def rows_of(logs: Sequence[Log], name: str, kind: str) -> list[list[str]]:
 
 
 def accuracy(first: int, count: int) -> None:
-    """Print the tables of accuracy."""
-    data = os.environ.get("DISTAL_DATA")
-    folder = Path(data, "finger") if data else None
-    pairs = [(name, kind) for name in SHIPPED for kind in KINDS]
-    if folder is not None and folder.is_dir():
-        rows = [
-            row
-            for name, kind in pairs
-            for row in rows_of([recorded(folder, name, kind)], name, kind)
-        ]
-        table(
-            "chains-data", "Chains: logs of plants that others wrote (data/finger)", COLUMNS, rows
-        )
+    """Print the table of accuracy."""
     rows = []
-    for name, kind in pairs:
-        rows += rows_of([simulated(name, kind, first + seed) for seed in range(count)], name, kind)
+    for name in SHIPPED:
+        for kind in KINDS:
+            logs = [simulated(name, kind, first + seed) for seed in range(count)]
+            rows += rows_of(logs, name, kind)
     table(
         "chains", f"Chains: plants in MuJoCo, seeds {first} to {first + count - 1}", COLUMNS, rows
     )
@@ -480,37 +454,27 @@ def _operations(n: int, sweeps: int, events: int) -> int:
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.chains", description=__doc__)
-    parser.add_argument(
-        "tables",
-        nargs="*",
-        metavar="TABLE",
-        help="accuracy, bounds, cost, stick-slip, energy, stepping; default all",
-    )
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"{', '.join(TABLES)}; all")
     parser.add_argument("--first-seed", type=int, default=500, help="of the plants")
     parser.add_argument("--seeds", type=int, default=6, help="how many")
     arguments = parser.parse_args()
-    asked = arguments.tables or ["cost", "stick-slip", "energy", "stepping", "accuracy", "bounds"]
+    unknown = set(arguments.tables) - set(TABLES)
+    if unknown:
+        parser.error(f"unknown table {', '.join(unknown)}; there are {', '.join(TABLES)}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DistalWarning)
-        for name in asked:
-            if name == "accuracy":
-                accuracy(arguments.first_seed, arguments.seeds)
-            elif name == "bounds":
-                bounds(arguments.first_seed, arguments.seeds)
-            elif name == "cost":
-                cost()
-            elif name == "stick-slip":
-                stick_slip()
-            elif name == "energy":
-                energy()
-            elif name == "stepping":
-                stepping()
-            else:
-                parser.error(
-                    f"unknown table {name}; there are accuracy, bounds, cost, stick-slip, energy, "
-                    "stepping"
-                )
+        for name in arguments.tables or TABLES:
+            TABLES[name](arguments.first_seed, arguments.seeds)
 
+
+TABLES: dict[str, Callable[[int, int], None]] = {
+    "cost": lambda first, count: cost(),
+    "stick-slip": lambda first, count: stick_slip(),
+    "energy": lambda first, count: energy(),
+    "stepping": lambda first, count: stepping(),
+    "accuracy": accuracy,
+    "bounds": bounds,
+}
 
 if __name__ == "__main__":
     main()

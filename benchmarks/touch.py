@@ -170,11 +170,8 @@ PACES = ((1.1, 0.8), (2.5, 2.3), (0.9, 0.4), (1.6, 0.9))
 """How long the postures of a calibration log are held, and how long the way to them takes [s]."""
 
 
-def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Drawn:
-    """Return the finger of three joints that two servos move: counts and currents only.
-
-    So many more of its calibration logs have touches.
-    """
+def coupled_finger(seed: int, folder: Path) -> Drawn:
+    """Return the finger of three joints that two servos move: counts and currents only."""
     rng = np.random.default_rng(seed)
 
     def touch() -> Touch:
@@ -184,8 +181,6 @@ def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Dra
         return Touch(stiffness, object_at, tuple(pushes), rng.uniform(3, 15))
 
     def columns_of(k: int, with_reference: bool, goals: Any, met: Any) -> dict[str, Floats]:
-        if with_reference and k >= len(PACES):
-            met = touch()
         columns, truth = finger_log(goals, DURATION, seed + 10 * k, met)
         if not with_reference:
             for joint in JOINTS:
@@ -198,8 +193,7 @@ def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Dra
         folder,
         columns_of,
         calibration=[
-            postures(seed + k, DURATION, hold, blend)
-            for k, (hold, blend) in enumerate(PACES + PACES[:touched_calibration])
+            postures(seed + k, DURATION, hold, blend) for k, (hold, blend) in enumerate(PACES)
         ],
         free=[postures(seed + 14, DURATION, 1.25, 0.1), postures(seed + 15, DURATION, 1.3, 0.9)],
         touched=[(postures(seed + 16 + k, DURATION, 1.4, 0.9), touch()) for k in range(4)],
@@ -239,9 +233,6 @@ CASES: dict[str, Callable[[int, Path], Drawn]] = {
     "sheath joint, currents": sheath_joint,
     "finger, three tendons": three_tendons,
     "finger, two servos": coupled_finger,
-    "finger, two servos, two logs more, touched": lambda seed, folder: coupled_finger(
-        seed, folder, 2
-    ),
     "finger-2n": lambda seed, folder: chain("finger-2n", "finger2N", seed, folder),
     "finger-n-plus-1": lambda seed, folder: chain("finger-n-plus-1", "finger_n1", seed, folder),
     "wrist-instrument": lambda seed, folder: chain(
@@ -265,8 +256,7 @@ def _written(path: Path, columns: dict[str, Floats]) -> Path:
 @dataclass(frozen=True)
 class Judged:
     """Squared errors and whether they are inside the band, (k, n_joints) each, which samples are
-    touched or wrong, (k,), and the sums of squares of the torques' errors while touched, and of the
-    torques [(N m)²].
+    touched or wrong, (k,), and the median half-width of the band [°].
     """
 
     squares: Floats
@@ -274,10 +264,9 @@ class Judged:
     touched: NDArray[np.bool_]
     wrong: NDArray[np.bool_]
     half: float
-    torque_squares: tuple[float, float]
 
     @classmethod
-    def of(cls, result: Estimate, log: Log, with_torques: bool = True) -> Judged:
+    def of(cls, result: Estimate, log: Log) -> Judged:
         """Return how an estimate did on a log that knows angles and torques."""
         errors = result.errors().reshape(len(log), -1)
         stds = result.angle_stds
@@ -288,18 +277,7 @@ class Judged:
             is_touched(result, log),
             wrong.any(axis=1),
             float(np.rad2deg(1.96 * np.median(stds))),
-            torque_squares(result) if with_torques else (0.0, 0.0),
         )
-
-
-def torque_squares(result: Estimate) -> tuple[float, float]:
-    """Return the sums of squares of the torques' errors while touched, and of the torques."""
-    if result.torque_truths is None or result.estimator == "regression":
-        return 0.0, 0.0
-    true = result.torque_truths.reshape(len(result.time), -1)
-    touched = np.abs(true) > TOUCHED
-    errors = (result.external_torques - true)[touched]
-    return float(np.sum(errors**2)), float(np.sum(true[touched] ** 2))
 
 
 def is_touched(result: Estimate, log: Log) -> NDArray[np.bool_]:
@@ -340,24 +318,6 @@ def best_line(calibration: Sequence[Samples], others: Sequence[Samples]) -> list
     return [float(np.rad2deg(yardstick_error(best, calibration, samples))) for samples in others]
 
 
-def identified_squares(log: Log, closed: Rig) -> Floats:
-    """Return the squared errors [°²] of a filter that is told when something touches the rig, and
-    the RMS of its torques: with torques of that std while touched, and never touched else.
-    """
-    never = estimate(log, closed)
-    if never.torque_truths is None:
-        return np.rad2deg(never.errors().reshape(len(log), -1)) ** 2
-    true = never.torque_truths.reshape(len(log), -1)
-    touched = (np.abs(true) > TOUCHED).any(axis=1)
-    stds = np.sqrt(np.mean(true[touched] ** 2, axis=0))
-    paths = [f"joints.{joint.name}.external_torque.std" for joint in closed.joints]
-    opened = estimate(log, closed.with_values(dict(zip(paths, stds.tolist()))))
-    errors = np.where(
-        touched[:, None], *(r.errors().reshape(len(log), -1) for r in (opened, never))
-    )
-    return np.rad2deg(errors) ** 2
-
-
 def onsets(rig: Rig, log: Log) -> int:
     """Return how many touches begin, as a stream reports them."""
     monitor = Monitor(LiveEstimator(rig))
@@ -390,14 +350,12 @@ def judged(name: str, seed: int) -> list[str]:
             for kind, group in logs.items()
         }
         before = {
-            kind: [Judged.of(estimate(log, closed), log, False) for log in group]
+            kind: [Judged.of(estimate(log, closed), log) for log in group]
             for kind, group in logs.items()
         }
-        identified = np.concatenate([identified_squares(log, closed) for log in logs["touched"]])
         minutes = sum(float(np.ptp(log.time)) for log in logs["free"]) / 60
         false = sum(onsets(rig, log) for log in logs["free"])
     touched = [run.inside[run.touched] for run in runs["touched"]]
-    errors, torques = np.sum([run.torque_squares for run in runs["touched"]], axis=0)
     wrong = np.concatenate([run.wrong for run in runs["touched"]])
     return [
         name,
@@ -409,7 +367,6 @@ def judged(name: str, seed: int) -> list[str]:
                 _rms(runs["touched"]),
                 _rms(before["touched"]),
                 float(np.sqrt(np.mean(np.square(lines["touched"])))),
-                float(np.sqrt(np.mean(identified))),
             )
         ),
         "/".join(
@@ -418,7 +375,6 @@ def judged(name: str, seed: int) -> list[str]:
         ),
         f"{100 * np.mean(np.concatenate(touched)):.0f} %",
         f"{100 * np.mean(wrong):.1f} %",
-        f"{100 * np.sqrt(errors / torques):.0f} %",
         f"{false} in {minutes:.1f} min",
     ]
 
@@ -471,11 +427,10 @@ COLUMNS = (
     "rig",
     "free, RMS now/never [°]",
     "half-width now/never",
-    "touched, RMS now/never/least squares/told [°]",
+    "touched, RMS now/never/least squares [°]",
     "inside now/never",
     "touched and 1 s after",
     "wrong",
-    "torque, RMS error / torque",
     "false touches",
 )
 
