@@ -94,7 +94,6 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.stepping
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.diagnosis
-	$(BIN)/python -m benchmarks.commands --time
 	$(BIN)/python -m benchmarks.chains cost stick-slip energy stepping
 	$(BIN)/python -m benchmarks.microcontroller
 
@@ -111,7 +110,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.motor_faults
 	$(BIN)/python -m benchmarks.servos
 	$(BIN)/python -m benchmarks.out_of_reach
-	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
+	$(BIN)/python -m benchmarks.newcomers --busy 8
 	$(BIN)/python -m benchmarks.fit_command named
 	$(BIN)/python -m benchmarks.from_logs structure
 	$(BIN)/python -m benchmarks.from_logs columns --rigs 36

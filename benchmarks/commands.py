@@ -11,20 +11,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.hand_rigs import hand
 from tests.support.commands import (
     LEAST_TENSION,
     driven,
-    hunts,
     inextensible,
     live_law,
     run,
@@ -34,7 +30,7 @@ from tests.support.servo_plants import PERIOD
 from benchmarks.commanded_plants import PLANTS
 from benchmarks.report import table
 from benchmarks.shell import written
-from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_rig
+from distal import Inverse, Log, Rig
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
@@ -68,13 +64,9 @@ METHODS = (
     "affine",
     "inverse",
     "fitted inverse",
-    "fitted, no map",
-    "repeatability",
     "live",
     "live, feedback",
-    "live, speeds",
     "fitted, feedback",
-    "PI on the estimate",
     "PI on an encoder",
 )
 
@@ -114,23 +106,16 @@ def led(rig: Rig, positions: Floats) -> Floats:
 
 
 def pi_law(
-    rig: Rig, free: Sequence[int], start: Floats, first: Floats, rate: float, *, encoder: bool
+    rig: Rig, free: Sequence[int], start: Floats, first: Floats, rate: float
 ) -> Callable[..., Floats]:
-    """Return the ratio with a PI correction of its angle, by an encoder of 1° or by the estimate,
-    as a law.
-    """
-    live = None if encoder else LiveEstimator(rig)
+    """Return the ratio with a PI correction of its angle by an encoder of 1°, as a law."""
     correction = np.zeros(len(free))
 
     def law(time: float, now: Floats, read: dict[str, float], angles: Floats) -> Floats:
         nonlocal correction
-        if live is None:
-            known = ENCODER * np.round(angles / ENCODER)
-        else:
-            live.step(time, np.array([read[name] for name in live.channels]))
-            known = np.array(live.angles)
+        known = ENCODER * np.round(angles / ENCODER)
         error = now - known[list(free)]
-        quiet = np.abs(error) < (ENCODER / 2 if encoder else np.deg2rad(0.3))
+        quiet = np.abs(error) < ENCODER / 2
         correction = correction + rate * PERIOD * np.where(quiet, 0.0, error)
         full = first.copy()
         full[list(free)] = now + correction + 0.1 * rate * np.where(quiet, 0.0, error)
@@ -141,11 +126,10 @@ def pi_law(
 
 @dataclass
 class Result:
-    """Squared errors by method, shares inside, hunts."""
+    """Squared errors by method, and shares inside."""
 
     squares: dict[str, list[float]]
     inside: dict[str, list[float]]
-    hunts: dict[str, int]
 
     def add(
         self, method: str, desired: Floats, angles: Floats, commands: Commands | None = None
@@ -157,7 +141,6 @@ class Result:
         if commands is not None:
             is_inside = np.abs(angles - commands.angles)[late] < BAND * commands.stds[late]
             self.inside.setdefault(method, []).append(float(np.mean(is_inside)))
-        self.hunts[method] = self.hunts.get(method, 0) + hunts(time, desired, angles)
 
 
 def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], Floats]]:
@@ -199,18 +182,16 @@ def reachable(rig: Rig, desired: Floats) -> Floats:
     return commands.angles
 
 
-def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
+def judge(name: str, seed: int, with_fit: bool) -> Result:
     """Return errors of all methods on one plant."""
     warnings.simplefilter("ignore", DistalWarning)
-    found = Result({}, {}, {})
+    found = Result({}, {})
     rig = PLANTS[name](seed).rig
     inverses = {"inverse": Inverse(rig, least_tension=LEAST_TENSION)}
     affine = None
     if with_fit:
         fitted, affine = calibrated(name, seed, rig)
         inverses["fitted inverse"] = Inverse(fitted, least_tension=LEAST_TENSION)
-        parameters = replace_maps(fitted)
-        inverses["fitted, no map"] = Inverse(parameters, least_tension=LEAST_TENSION)
     free = inverses["inverse"].model.free
     for kind in KINDS:
         rng = np.random.default_rng([seed, KINDS.index(kind), 3])
@@ -221,13 +202,6 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
         }
         for key, command in commands.items():
             found.add(key, desired, run(PLANTS[name](seed), command.sent)[0], command)
-        again = PLANTS[name](seed)
-        run(again, commands["inverse"].sent[::-1][:200])  # friction begun otherwise
-        moved, first = (
-            run(again, commands["inverse"].sent)[0],
-            run(PLANTS[name](seed), commands["inverse"].sent)[0],
-        )
-        found.add("repeatability", first, moved)
         start = commands["inverse"].sent[0]
         found.add(
             "ratio",
@@ -236,24 +210,16 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
         )
         if affine is not None:
             found.add("affine", desired, run(PLANTS[name](seed), led(rig, affine(desired)))[0])
-        if with_loops:
-            laws: dict[str, Callable[..., Command | Floats]] = {
-                "live": live_law(rig, Feedback(follow=0.0)),
-                "live, feedback": live_law(rig, Feedback()),
-                "live, speeds": live_law(rig, Feedback(), speeds=True),
-                "PI on the estimate": pi_law(rig, free, start, desired[0], 4.0, encoder=False),
-                "PI on an encoder": pi_law(rig, free, start, desired[0], 4.0, encoder=True),
-            }
-            if with_fit:
-                laws["fitted, feedback"] = live_law(fitted, Feedback())
-            for key, law in laws.items():
-                found.add(key, desired, driven(PLANTS[name](seed), rig, desired, free, start, law))
+        laws: dict[str, Callable[..., Command | Floats]] = {
+            "live": live_law(rig, Feedback(follow=0.0)),
+            "live, feedback": live_law(rig, Feedback()),
+            "PI on an encoder": pi_law(rig, free, start, desired[0], 4.0),
+        }
+        if with_fit:
+            laws["fitted, feedback"] = live_law(fitted, Feedback())
+        for key, law in laws.items():
+            found.add(key, desired, driven(PLANTS[name](seed), rig, desired, free, start, law))
     return found
-
-
-def replace_maps(rig: Rig) -> Rig:
-    """Return a fitted rig without its learned maps."""
-    return rig.model_copy(update={"map": None})
 
 
 def main() -> None:
@@ -263,75 +229,22 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--fit", action="store_true")
-    parser.add_argument("--no-loops", action="store_true")
-    parser.add_argument("--time", action="store_true", help="time a step instead")
     asked = parser.parse_args()
-    if asked.time:
-        times()
-        return
     seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
     rows = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         jobs = {
-            name: [pool.submit(judge, name, seed, asked.fit, not asked.no_loops) for seed in seeds]
+            name: [pool.submit(judge, name, seed, asked.fit) for seed in seeds]
             for name in asked.plants
         }
         for name, futures in jobs.items():
             rows.append([name, *cells([future.result() for future in futures])])
             print(*rows[-1], flush=True)
-    said = (
-        "RMS [°], in brackets the worst plant, then % inside the band; 'hunts': runs with a "
-        "limit cycle at rest"
-    )
+    said = "RMS [°], in brackets the worst plant, then % inside the band"
     table(
         "commands" + "-fit" * asked.fit,
         f"Wanted against true angles: {said}",
-        ["plant", *METHODS, "hunts"],
-        rows,
-    )
-
-
-def cost(step: Callable[[float], object]) -> float:
-    """Return the median time of a step [µs]."""
-    costs = []
-    for k in range(2000):
-        start = time.perf_counter()
-        step(0.01 * k)
-        costs.append(time.perf_counter() - start)
-    return 1e6 * float(np.median(costs))
-
-
-def _with(step: Callable[..., object], *arguments: object) -> None:
-    *rest, stamp = arguments
-    step(stamp, *rest)
-
-
-def times() -> None:
-    """Print what a step costs: Python, beside its filter and monitor, and the compiled kernel
-    alone.
-    """
-    rows = []
-    rigs = {
-        name: load_rig(name)
-        for name in ("lab-bench", "paper-2008", "finger-2n", "wrist-instrument")
-    }
-    rigs |= {f"{count} × finger-n-plus-1": hand(count * ["finger-n-plus-1"]) for count in (1, 2, 5)}
-    for name, rig in rigs.items():
-        begun = time.perf_counter()
-        inverse, monitor = LiveInverse(rig), Monitor(LiveEstimator(rig))
-        built = time.perf_counter() - begun
-        sample, desired = np.zeros(len(inverse.channels)), np.full(len(inverse.joints), 0.2)
-        kernel = inverse._loop.step
-        found = [
-            cost(partial(_with, inverse.step, desired, sample)),
-            cost(partial(_with, monitor.take, sample)),
-            cost(lambda _, step=kernel: step()),
-        ]
-        rows.append([name, f"{found[0] - found[1]:.1f}", f"{found[2]:.1f}", f"{built:.1f}"])
-    table(
-        "commands-time",
-        "A live step",
-        ["rig", "beside filter and monitor [µs]", "kernel [µs]", "building [s]"],
+        ["plant", *METHODS],
         rows,
     )
 
@@ -348,12 +261,7 @@ def cells(results: Sequence[Result]) -> list[str]:
         inside = [np.mean(one.inside[method]) for one in results if method in one.inside]
         share = f" {100 * np.mean(inside):.0f}%" if inside else ""
         found.append(f"{np.mean(rms):.2f} ({max(rms):.2f}){share}" if rms else "")
-    hunting = [
-        f"{method} {count}"
-        for method in METHODS
-        if (count := sum(one.hunts.get(method, 0) for one in results))
-    ]
-    return [*found, ", ".join(hunting)]
+    return found
 
 
 if __name__ == "__main__":

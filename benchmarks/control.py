@@ -10,7 +10,6 @@ MuJoCo, whose plants share no code with the model.
 from __future__ import annotations
 
 import argparse
-import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -232,25 +231,12 @@ def finger(plants: int) -> Found:
     return found
 
 
-def seconds() -> list[list[str]]:
-    """Return the processor time of 10 s of closed loop at 200 Hz."""
-    scenario = load_scenario("control-paper").model_copy(update={"duration": 10.0})
-    rig, rows = scenario_rig(scenario, ["sensors.*.rate=200"]), []
-    for feedback in ("encoder", "adaptive"):
-        closed_loop(rig, scenario, feedback=feedback, period=PERIOD)  # builds the kernels
-        began = time.process_time()
-        closed_loop(rig, scenario, feedback=feedback, period=PERIOD)
-        rows.append([feedback, f"{time.process_time() - began:.2f}"])
-    return rows
-
-
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.control", description=__doc__)
     parser.add_argument("--plants", type=int, default=10, help="of each rig (10)")
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # fits to one log warn of what it does not tell
-    table("control-seconds", "10 s of closed loop at 200 Hz", ["feedback", "s"], seconds())
     columns = [
         "feedback",
         "RMS [°]",

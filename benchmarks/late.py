@@ -107,8 +107,6 @@ CASES = (
     *(Case("joint", lag, delay=delay) for delay in (False, True) for lag in (0.050, 0.100, 0.200)),
 )
 
-QUICK = (Case("late", 0.040, 30.0), Case("joint", 0.100))
-
 
 @dataclass(frozen=True)
 class Plant:
@@ -499,24 +497,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.late", description=__doc__)
     parser.add_argument("--plants", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=9000)
-    parser.add_argument("--cases", default="late,joint", help="late, joint, or both with a comma")
-    parser.add_argument("--quick", action="store_true", help="one plant, two cases")
     asked = parser.parse_args()
-    kinds = asked.cases.split(",")
-    if not set(kinds) <= {"late", "joint"}:
-        parser.error(f"--cases is late, joint, or late,joint; {asked.cases} came")
-    count = 1 if asked.quick else asked.plants
-    seeds = range(asked.first_seed, asked.first_seed + count)
-    cases = [case for case in (QUICK if asked.quick else CASES) if case.kind in kinds]
-    outcomes = {case: list(outcomes_of(seeds, case)) for case in cases}
-    rows = [row_of(case.name, of_case, count) for case, of_case in outcomes.items()]
-    for kind in kinds:
-        group = [case for case in cases if case.kind == kind]
+    seeds = range(asked.first_seed, asked.first_seed + asked.plants)
+    outcomes = {case: list(outcomes_of(seeds, case)) for case in CASES}
+    rows = [row_of(case.name, of_case, len(seeds)) for case, of_case in outcomes.items()]
+    for kind in ("late", "joint"):
+        group = [case for case in CASES if case.kind == kind]
         every = [outcome for case in group for outcome in outcomes[case]]
-        rows.append(row_of(f"all of {kind}", every, count * len(group)))
-    plants = f"{count} plant{'s' if count > 1 else ''}"
-    title = f"late references and late joints, {plants} from seed {asked.first_seed} on"
-    table("late-quick" if asked.quick else "late", title, COLUMNS, rows)
+        rows.append(row_of(f"all of {kind}", every, len(seeds) * len(group)))
+    title = f"late references and joints, {len(seeds)} plants from seed {asked.first_seed} on"
+    table("late", title, COLUMNS, rows)
 
 
 if __name__ == "__main__":

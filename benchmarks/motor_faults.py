@@ -68,15 +68,6 @@ def drawn(seed: int) -> Fault:
     return Fault(kind, float(rng.uniform(0.3, 3.0)), lasts, motor, size, rng)
 
 
-COUNT = 2 * np.pi / 4096
-"""One count of a usual servo [rad]."""
-
-
-def noisy(seed: int) -> Fault:
-    """Return no fault but a noise of one count: it shows how far friction lets ends differ."""
-    return Fault("noise", FIRST, SECONDS, -1, COUNT, np.random.default_rng([seed, 41]))
-
-
 class Wired:
     """One hand of the plant as an SDK of one's own; its reads and writes go through a fault."""
 
@@ -115,8 +106,6 @@ class Wired:
                 found[position] = float("nan")
             if self._now("jump"):
                 found[position] += fault.size
-            if self._now("noise"):
-                found[position] += fault.size * fault.rng.normal()
             if fault.kind == "restart" and self.time >= fault.begin:
                 turned = found[position] + self._turned(m)
                 found[position] = float("nan") if self._boots(m) else turned
@@ -350,21 +339,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.motor_faults", description=__doc__)
     parser.add_argument("--episodes", type=int, default=2000)
     parser.add_argument("--first-seed", type=int, default=2000)
-    parser.add_argument("--only", default="", help="one kind of fault")
-    parser.add_argument("--noise", action="store_true", help="a noise of one count in place of it")
-    parser.add_argument("--worst", type=int, default=0, help="so many of the worst, by their seeds")
     asked = parser.parse_args()
     episodes = list[Episode]()
     for first in range(asked.first_seed, asked.first_seed + asked.episodes, BATCH):
         last = min(first + BATCH, asked.first_seed + asked.episodes)
         seeds = range(first, last)
-        if asked.only:
-            seeds = [seed for seed in seeds if drawn(seed).kind == asked.only]
-        if len(seeds):
-            episodes += judged(run(seeds, noisy if asked.noise else drawn), seeds)
+        episodes += judged(run(seeds, drawn), seeds)
     table("motor-faults", "Faults while a hand moves", COLUMNS, summary(episodes))
-    for one in sorted(episodes, key=lambda one: -max(one.unasked, 10 * one.pushed))[: asked.worst]:
-        print(one)
 
 
 if __name__ == "__main__":

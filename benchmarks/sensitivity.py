@@ -1,9 +1,8 @@
-"""What `adaptive` owes to its choices and to the rate of a log: `python -m benchmarks.sensitivity`
-prints tables.
+"""What `adaptive` owes to its choices: `python -m benchmarks.sensitivity` prints tables.
 
 The prior of friction that the rig does not know of, against mid-range accuracy and against plants
-that have some; what declaring that friction gives; logs with samples left out. Errors are of the
-joint angle, pooled over 5 seeds; `--seeds 1` is quicker.
+that have some; and what declaring that friction gives. Errors are of the joint angle, pooled over
+5 seeds; `--seeds 1` is quicker.
 """
 
 from __future__ import annotations
@@ -27,14 +26,13 @@ from tests.support.cases import (
 )
 
 from benchmarks.report import table
-from distal import Estimate, Log, estimate
+from distal import estimate
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter, Robustness
 
 SEEDS = 5
 PRIORS = ((0.7, 0.5), (0.7, 0.6), (0.7, 1.0), (1.0, 1.0), (1.0, 2.0))
 """Standard deviation and random walk per √s of unknown friction, in σ of the force sensor."""
-RATES = (1, 2, 5, 10)
 
 
 @lru_cache(maxsize=16)
@@ -47,22 +45,6 @@ def _filter(prior: tuple[float, float]) -> AdaptiveFilter:
 USUAL = Robustness().unknown_friction, Robustness().unknown_friction_walk
 
 
-def every(log: Log, n: int) -> Log:
-    """Return a log with every n-th sample."""
-    return Log(
-        log.time[::n],
-        {name: values[::n] for name, values in log.channels.items()},
-        {name: values[::n] for name, values in log.truth.items()},
-    )
-
-
-def one_slow(log: Log, n: int) -> Log:
-    """Return a log in which x2 is missing but for every n-th sample."""
-    values = np.full(len(log), np.nan)
-    values[::n] = log.channels["x2"][::n]
-    return Log(log.time, {**log.channels, "x2": values}, dict(log.truth))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> AdaptiveFilter:
     values = {f"drives.{i}.friction.constant": {"value": 0.5, "std": 0.5} for i in range(2)}
@@ -70,31 +52,22 @@ def _declared() -> AdaptiveFilter:
 
 
 def run(
-    job: tuple[str, str, str, int, tuple[float, float], int],
-) -> tuple[float, float, float, float]:
-    """Return mean square error, the same after 1 s, share inside the band, median std of one
-    log.
-    """
-    what, kind, plant, seed, prior, n = job
-    log = paper_log(kind, plant, seed)
-    if what in ("every", "x2"):
-        log = every(log, n) if what == "every" else one_slow(log, n)
+    job: tuple[str, str, str, int, tuple[float, float]],
+) -> tuple[float, float, float]:
+    """Return mean square error, share inside the band, median std of one log."""
+    what, kind, plant, seed, prior = job
     used = _declared() if what == "declared" else _filter(prior)
-    result: Estimate = estimate(log, used.rig, used)
-    squares = result.errors() ** 2
-    late = float(np.mean(squares[result.time > 1.0]))
-    return float(np.mean(squares)), late, result.inside_band(), float(np.median(result.theta_std))
+    result = estimate(paper_log(kind, plant, seed), used.rig, used)
+    square = float(np.mean(result.errors() ** 2))
+    return square, result.inside_band(), float(np.median(result.theta_std))
 
 
-def said(scores: Sequence[tuple[float, float, float, float]]) -> list[str]:
-    """Return the cells of pooled scores: RMS error, after 1 s, inside the band, half-width over
-    RMS.
-    """
-    square, late, inside, std = np.mean(np.array(scores), axis=0)
+def said(scores: Sequence[tuple[float, float, float]]) -> list[str]:
+    """Return the cells of pooled scores: RMS error, inside the band, half-width over RMS."""
+    square, inside, std = np.mean(np.array(scores), axis=0)
     rms = np.sqrt(square)
     return [
         f"{np.rad2deg(rms):.2f}",
-        f"{np.rad2deg(np.sqrt(late)):.2f}",
         f"{100 * inside:.0f} %",
         f"{BAND * std / rms:.1f}",
     ]
@@ -107,21 +80,14 @@ def main() -> None:
     seeds = range(parser.parse_args().seeds)
     prior = USUAL
     jobs = [
-        ("whole", kind, plant, seed, pair, 1)
+        ("whole", kind, plant, seed, pair)
         for pair in PRIORS
         for kind in SCENARIOS
         for plant in (*WITHIN, *HARD)
         for seed in seeds
     ]
     jobs += [
-        (what, kind, "as the rig", seed, prior, n)
-        for what in ("every", "x2")
-        for n in RATES
-        for kind in MID_RANGE
-        for seed in seeds
-    ]
-    jobs += [
-        ("declared", kind, plant, seed, prior, 1)
+        ("declared", kind, plant, seed, prior)
         for kind in MID_RANGE
         for plant in HARD
         for seed in seeds
@@ -132,8 +98,8 @@ def main() -> None:
         )
     scores = dict(zip(jobs, results))
 
-    def chosen(**desired: object) -> list[tuple[float, float, float, float]]:
-        names = ("what", "kind", "plant", "seed", "prior", "n")
+    def chosen(**desired: object) -> list[tuple[float, float, float]]:
+        names = ("what", "kind", "plant", "seed", "prior")
         return [
             score
             for job, score in scores.items()
@@ -145,7 +111,7 @@ def main() -> None:
             )
         ]
 
-    cells = ["RMS [°]", "after 1 s [°]", "inside", "half-width / RMS"]
+    cells = ["RMS [°]", "inside", "half-width / RMS"]
     cases = (
         ("mid-range, within", list(MID_RANGE), list(WITHIN)),
         ("into the stops, within", list(INTO_STOPS), list(WITHIN)),
@@ -175,17 +141,6 @@ def main() -> None:
             [how, plant, *said(chosen(what=what, prior=prior, kind=list(MID_RANGE), plant=plant))]
             for what, how in (("whole", "none"), ("declared", "0.5 ± 0.5 N"))
             for plant in HARD
-        ],
-    )
-    table(
-        "sensitivity-rates",
-        "Plant as the rig; samples left out",
-        ["what", "rate [Hz]", "scenario", *cells],
-        [
-            [name, f"{100 // n}", kind, *said(chosen(what=what, n=n, kind=kind))]
-            for what, name in (("every", "all sensors"), ("x2", "x2, the others at 100 Hz"))
-            for n in RATES
-            for kind in MID_RANGE
         ],
     )
 

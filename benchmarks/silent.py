@@ -1,14 +1,12 @@
-"""A place that is read no more, and homing while a filter runs: what is said of the angle then.
+"""A place that is read no more: what is said of the angle then.
 
 `python -m benchmarks.silent`: seeds and logs on which no number of (4b) was chosen, with
-DISTAL_DATA those of the real da Vinci grasper too. `python -m benchmarks.silent homing` compares
-`homing_filter` with homing over the log.
+DISTAL_DATA those of the real da Vinci grasper too.
 """
 
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,11 +14,9 @@ import numpy as np
 
 from benchmarks.report import table
 from distal import (
-    LiveEstimator,
     Log,
     Rig,
     estimate,
-    homing_filter,
     load_rig,
     load_scenario,
     read_log,
@@ -61,7 +57,7 @@ def cases() -> Iterator[tuple[str, Rig, Log, float | None]]:
             yield "da Vinci grasper, real", rig, read_log(path, rig), 3.0
 
 
-def drives() -> None:
+def main() -> None:
     """Let each place be silent from a quarter and from half of each log on."""
     found: dict[str, list[np.ndarray]] = {}
     for name, rig, log, homing in cases():
@@ -87,36 +83,5 @@ def drives() -> None:
     table("silent", "A drive's place is read no more: from 2 s later on, all joints", columns, rows)
 
 
-def homing(until: float = 3.0) -> None:
-    """Compare homing over the log with homing while the filter runs."""
-    folder = Path(os.environ["DISTAL_DATA"]) / "da_vinci_grasper"
-    rig, rows = load_rig("da-vinci-grasper"), []
-    for path in sorted(folder.glob("run_*.csv")):
-        log = read_log(path, rig)
-        over = estimate(log, rig, homing=until)
-        assert over.truths is not None
-        since, truths = log.time - log.time[0], over.truths
-        late, errors = since >= until, [over.theta - truths[:, 0]]
-        live, said = (
-            LiveEstimator(rig, homing_filter(rig)),
-            [],
-        )
-        for k, time in enumerate(log.time):
-            values = [log.channels[name][k] for name in live.channels if name in log.channels]
-            live.step(float(time), np.array([*values, np.nan if late[k] else truths[k, 0]]))
-            said.append(live.angle)
-        errors.append(np.array(said) - truths[:, 0])
-        rows.append(
-            [path.stem, *(f"{np.rad2deg(np.sqrt(np.mean(e[late] ** 2))):.2f}" for e in errors)]
-        )
-    rows.append(["mean", *(f"{np.mean([float(row[k]) for row in rows]):.2f}" for k in (1, 2))])
-    columns = [
-        "log",
-        "over the log [°]",
-        "while it runs [°]",
-    ]
-    table("homing-live", "Homing a da Vinci grasper for 3 s: RMS error afterwards", columns, rows)
-
-
 if __name__ == "__main__":
-    {"drives": drives, "homing": homing}[sys.argv[1] if len(sys.argv) > 1 else "drives"]()
+    main()

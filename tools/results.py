@@ -132,9 +132,7 @@ TABLES: dict[str, Callable[[], str]] = {
         "fit-parameters", "", "within 2 errors", "RMS error / std. error", "RMS", "std. error"
     ),
     "fit-da-vinci": lambda: part("fit-da-vinci", only=lambda row: not row["run"].startswith("run")),
-    "microcontroller": lambda: part(
-        "microcontroller", only=lambda row: row["estimator"] == "adaptive"
-    ),
+    "microcontroller": lambda: part("microcontroller"),
     "silent": lambda: part("silent"),
     "exports": lambda: part("exports"),
     "strangers-steps": lambda: strangers(
