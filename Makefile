@@ -102,7 +102,8 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.chains accuracy
 	$(BIN)/python -m benchmarks.fitting
-	$(BIN)/python -m benchmarks.hands
+	$(BIN)/python -m benchmarks.hands orca
+	$(BIN)/python -m benchmarks.hands aero
 	$(BIN)/python -m benchmarks.hands faults --draws 24
 	$(BIN)/python -m benchmarks.hands sound --draws 40
 	$(BIN)/python -m benchmarks.hands_watched

@@ -1,10 +1,10 @@
 """Hands calibrated by their power-on routine alone, on plants of others: `python -m
-benchmarks.hands [--first-seed N]`.
+benchmarks.hands orca [--first-seed N]`.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -27,8 +27,6 @@ from distal import Rig
 from distal.hands import Calibrated
 from distal.logs import Log
 from distal.rig import independent_parts
-
-DRAWS = 10
 
 
 def as_written(found: Sequence[tuple[Calibrated, Log]], rig: Rig) -> list[tuple[Calibrated, Log]]:
@@ -185,40 +183,34 @@ def found_faults(seeds: range, faulty: bool) -> list[list[str]]:
 
 
 def main() -> None:
-    """Print a table for each kind of hand."""
-    first = int(sys.argv[sys.argv.index("--first-seed") + 1]) if "--first-seed" in sys.argv else 0
-    draws = int(sys.argv[sys.argv.index("--draws") + 1]) if "--draws" in sys.argv else DRAWS
-    if "faults" in sys.argv or "sound" in sys.argv:
-        rows = found_faults(range(first, first + draws), "faults" in sys.argv)
+    """Print the table of what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("orca", "aero", "fitted", "faults", "sound"))
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--draws", type=int, default=10)
+    asked = parser.parse_args()
+    first, seeds = asked.first_seed, range(asked.first_seed, asked.first_seed + asked.draws)
+    if asked.what in ("faults", "sound"):
+        rows = found_faults(seeds, asked.what == "faults")
         titles = ["fault", "motors", "found", "as another", "not found"]
         table("hands-faults", f"faults that the routine finds, seeds {first} on", titles, rows)
         return
-    if "fitted" in sys.argv:
-        rows = fitted(
-            range(first, first + draws), ("thumb_mcp", "index_abd", "index_mcp", "index_pip")
-        )
+    if asked.what == "fitted":
+        rows = fitted(seeds, ("thumb_mcp", "index_abd", "index_mcp", "index_pip"))
         titles = ["hand", "routine, °", "fitted, °", "ratio, °", "of it"]
-        table(
-            "hands-fitted",
-            f"four joints of orca-like hands, fitted to three logs, seeds {first} on",
-            titles,
-            rows,
-        )
+        title = f"four joints of orca-like hands, fitted to three logs, seeds {first} on"
+        table("hands-fitted", title, titles, rows)
         return
-    kinds = {"orca": orca_like, "aero": aero_like}
-    for name, make in kinds.items():
-        if len(sys.argv) > 1 and sys.argv[1] in kinds and sys.argv[1] != name:
-            continue
-        rows = judged(make, range(first, first + draws))
-        titles = ["hand", "RMS, °", "ratio, °", "of it", "inside, %", "worst joint, °", "faults"]
-        values = np.array([[float(row[1]), float(row[2]), float(row[4])] for row in rows])
-        total = np.sqrt(np.mean(values[:, :2] ** 2, axis=0))
-        share, inside = total[0] / total[1], values[:, 2].mean()
-        title = (
-            f"{name}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, "
-            f"{share:.2f}, {inside:.0f} %"
-        )
-        table(f"hands-{name}", title, titles, rows)
+    rows = judged(orca_like if asked.what == "orca" else aero_like, seeds)
+    titles = ["hand", "RMS, °", "ratio, °", "of it", "inside, %", "worst joint, °", "faults"]
+    values = np.array([[float(row[1]), float(row[2]), float(row[4])] for row in rows])
+    total = np.sqrt(np.mean(values[:, :2] ** 2, axis=0))
+    share, inside = total[0] / total[1], values[:, 2].mean()
+    title = (
+        f"{asked.what}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, "
+        f"{share:.2f}, {inside:.0f} %"
+    )
+    table(f"hands-{asked.what}", title, titles, rows)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 """Hands watched while they move: `python -m benchmarks.hands_watched [--first-seed N] [--draws K]
-[--minutes M] [--sound]`.
+[--minutes M] [--middle]`.
 
 Each motor of hands of others gets a fault after some time, or none. A finding that names it before,
 or without a fault, is a false alarm: of a tendon, or of torques that are not as the model says. A
@@ -8,8 +8,8 @@ quarter of the motions goes to an end of the range, as hands open and close; `--
 
 from __future__ import annotations
 
+import argparse
 import re
-import sys
 import warnings
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,12 +38,11 @@ class Injected:
     rng: np.random.Generator = field(repr=False)
 
     @classmethod
-    def drawn(cls, hands: Hands, seed: int, seconds: float, sound: bool) -> Injected:
+    def drawn(cls, hands: Hands, seed: int, seconds: float) -> Injected:
         """Draw them."""
         rng, shape = np.random.default_rng([seed, 77]), hands.positions.shape
         kinds = [
-            ["" if sound else KINDS[int(k)] for k in rng.integers(0, len(KINDS), shape[1])]
-            for _ in range(shape[0])
+            [KINDS[int(k)] for k in rng.integers(0, len(KINDS), shape[1])] for _ in range(shape[0])
         ]
         return cls(kinds, rng.uniform(0.3 * seconds, 0.4 * seconds, shape), rng)
 
@@ -83,16 +82,13 @@ def findings(
 
 def main() -> None:
     """Print how often and how soon each fault is named, and false alarms per hour of a motor."""
-    value = {
-        name: int(sys.argv[sys.argv.index(name) + 1])
-        for name in ("--first-seed", "--draws", "--minutes")
-        if name in sys.argv
-    }
-    first, draws, seconds = (
-        value.get("--first-seed", 0),
-        value.get("--draws", 5),
-        60.0 * value.get("--minutes", 2),
-    )
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--draws", type=int, default=5)
+    parser.add_argument("--minutes", type=float, default=2.0)
+    parser.add_argument("--middle", action="store_true", help="no motion goes to an end")
+    asked = parser.parse_args()
+    first, draws, seconds = asked.first_seed, asked.draws, 60.0 * asked.minutes
     warnings.simplefilter("ignore", distal.DistalWarning)
     known, hands = orca_like(range(first, first + draws))
     results = calibrated(known, hands, rig_of(known), together=True)
@@ -105,14 +101,14 @@ def main() -> None:
             for _, log in results
         ]
     )
-    injected = Injected.drawn(hands, first, seconds, "--sound" in sys.argv)
+    injected = Injected.drawn(hands, first, seconds)
     run = motion(
         known,
         hands,
         np.moveaxis(ends, 2, 0),
         first,
         seconds,
-        0.0 if "--middle" in sys.argv else 0.25,
+        0.0 if asked.middle else 0.25,
         injected.apply,
     )
     counts: dict[str, list[Any]] = {kind: [0, [], 0.0, 0, 0] for kind in KINDS}

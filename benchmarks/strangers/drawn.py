@@ -6,22 +6,19 @@ no inertia. Judged are the fitted numbers beside the true ones, what of all that
 found, and the angle on logs that no fit has seen: two of the same kind of motion, one of a wider
 and faster one, marked "outside".
 
-`python -m benchmarks.strangers.drawn --rigs 40 --first-seed 0 --stops --save FILE.json` prints a
-line for each rig as it is done, then a summary. It uses public names of distal only, so that older
-releases can be asked too: `PYTHONPATH=/path/to/older/src:. python -m benchmarks.strangers.drawn`.
+`python -m benchmarks.strangers.drawn --rigs 40 --first-seed 0 --stops` prints a line for each rig as
+it is done, then a summary.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,25 +31,19 @@ from tests.support.drawn_rigs import Raw, drawn_rig, settled, units
 from benchmarks.report import table
 from benchmarks.shell import estimate
 from distal import DistalError, Log, Rig, fit
+from distal.confidence import BAND
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
 
-if TYPE_CHECKING:
-    pass
-
-
-NAME = "drawn"
 RIGS = 40
 """How many rigs."""
 ESTIMATORS = ("plant known", "adaptive", "regression")
 """The default one as it is given the plant's numbers; the default one, and the obvious one, with
 the fitted rig.
 """
-BAND, LOST = 1.959963984540054, 90.0
-"""Stds of half a 95 % band; the error of what is refused [deg]; −ln p that is lower by this
-elsewhere was missed.
-"""
+LOST = 90.0
+"""The error of what is refused [deg]."""
 
 
 def judged(log: Log, rig: Rig, estimator: str) -> Raw:
@@ -236,7 +227,6 @@ def main() -> None:
         action="store_true",
         help="calibration rests in hard stops for a third of its time",
     )
-    parser.add_argument("--save", type=Path, metavar="FILE.json")
     parser.add_argument("--processes", type=int, default=1)
     asked = parser.parse_args()
     seeds = range(asked.first_seed, asked.first_seed + asked.rigs)
@@ -245,15 +235,6 @@ def main() -> None:
         for said in map(work, seeds) if asked.processes == 1 else pool.map(work, seeds):
             records.append(said)
             print(line(said), flush=True)
-            if asked.save:
-                about = (
-                    f"python -m benchmarks.strangers.drawn --rigs {asked.rigs} --first-seed "
-                    f"{asked.first_seed}"
-                )
-                held = {"about": about + " --stops" * asked.stops, "rigs": records}
-                asked.save.write_text(
-                    json.dumps(held, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-                )
     columns, *rows = summary(records)
     table("strangers-drawn-rigs", f"{len(records)} rigs drawn at random", columns, rows)
 
