@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from benchmarks.from_logs import write
 from benchmarks.report import table
 from distal.cli.app import STOPPED, app
 
@@ -277,12 +278,6 @@ def referred(angle: Floats, std: float, case: Case, rng: np.random.Generator) ->
     # a row that is a rounding error before an arrival has it
     latest = np.searchsorted(samples + case.reference_lag, rows + 1e-9, side="right") - 1
     return read[latest]
-
-
-def write(columns: Mapping[str, Floats], path: Path) -> None:
-    """Write a log as CSV."""
-    cells = np.column_stack(list(columns.values()))
-    np.savetxt(path, cells, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
 
 
 def write_logs(folder: Path, seed: int, case: Case) -> None:

@@ -13,7 +13,6 @@ comparisons with stored estimates and golden files (marker `stored`) do not coun
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import signal
 import sys
@@ -21,7 +20,6 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -219,36 +217,6 @@ def report(mutants: Sequence[Mutant], outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def saved(mutants: Sequence[Mutant], outcomes: Sequence[Outcome], seed: int) -> str:
-    """Return mutants and outcomes as JSON.
-
-    Args:
-        mutants: what was tried.
-        outcomes: of each.
-        seed: of their choice.
-    """
-    rows = [
-        {
-            "file": each.file.as_posix(),
-            "line": each.line,
-            "kind": each.kind,
-            "before": each.before,
-            "after": each.after,
-        }
-        | asdict(outcome)
-        for each, outcome in zip(mutants, outcomes)
-    ]
-    seen = sum(outcome.seen for outcome in outcomes)
-    held = {
-        "seed": seed,
-        "count": len(mutants),
-        "seen": seen,
-        "share": seen / len(mutants),
-        "mutants": rows,
-    }
-    return json.dumps(held, indent=2, ensure_ascii=False) + "\n"
-
-
 def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
@@ -258,7 +226,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutants", description=__doc__)
     parser.add_argument("count", type=int, metavar="N", help="how many mutants")
     parser.add_argument("seed", type=int, metavar="SEED", help="of their choice")
-    parser.add_argument("--save", type=Path, metavar="FILE", help="write the outcome as JSON too")
     parser.add_argument("--workers", type=int, default=2, help="copies that are tested at once (2)")
     parser.add_argument(
         "--part", choices=sorted(MODULES), default="filter", help="where they are made (filter)"
@@ -267,10 +234,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if given.count < 1 or given.workers < 1:
         parser.error("N and --workers must be 1 or more")
-    if given.save is not None and (
-        given.save.is_dir() or not given.save.absolute().parent.is_dir()
-    ):
-        parser.error(f"{given.save} cannot be written: give a file in a folder that exists")
     mutants = drawn(ROOT, modules(ROOT, given.part), given.count, given.seed)
     if given.list:
         for each in mutants:
@@ -289,8 +252,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("stopped; nothing is left behind", file=sys.stderr)
         return 130
     print(report(mutants, outcomes))
-    if given.save is not None:
-        given.save.write_text(saved(mutants, outcomes, given.seed), encoding="utf-8")
     return 0 if sum(outcome.seen for outcome in outcomes) >= GOAL * len(mutants) else 1
 
 

@@ -37,16 +37,23 @@ TWICE = 185
 """
 
 
+def newcomer(name: str) -> Any:
+    """Return the module of a plant in the folder of logs."""
+    path = Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}_plant.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    plant: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(plant)
+    return plant
+
+
 def given(name: str, folder: Path) -> Logs:
     """Return rig, calibration logs and other logs of one of the two rigs in `newcomer`, drawn by
     its plant.
     """
     home = Path(os.environ["DISTAL_DATA"]) / "newcomer"
-    spec = importlib.util.spec_from_file_location(name, home / f"{name}_plant.py")
-    assert spec is not None
-    assert spec.loader is not None
-    plant: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(plant)
+    plant = newcomer(name)
     rig = load_rig(home / f"{name}.toml")
     calibration, others = list[Path](), dict[str, list[Path]]()
 

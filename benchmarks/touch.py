@@ -10,7 +10,6 @@ for. The sheath joint and the finger of three tendons need the folder of logs in
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import subprocess
 import sys
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.chain_logs import make_log
+from benchmarks.newcomers import newcomer
 from benchmarks.report import table
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
@@ -55,17 +55,6 @@ class Drawn:
     calibration: tuple[Path, ...]
     free: tuple[Path, ...]
     touched: tuple[Path, ...]
-
-
-def newcomer(name: str) -> Any:
-    """Return the module of a plant in the folder of logs."""
-    path = Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}_plant.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    plant: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(plant)
-    return plant
 
 
 def _drawn(

@@ -6,8 +6,8 @@ no inertia. Judged are the fitted numbers beside the true ones, what of all that
 found, and the angle on logs that no fit has seen: two of the same kind of motion, one of a wider
 and faster one, marked "outside".
 
-`python -m benchmarks.strangers.drawn --rigs 40 --first-seed 0 --stops` prints a line for each rig as
-it is done, then a summary.
+`python -m benchmarks.strangers.drawn --rigs 40 --first-seed 0 --stops` prints a line for each rig
+as it is done, then a summary.
 """
 
 from __future__ import annotations

@@ -154,7 +154,6 @@ def test_seen_and_survived(project: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "kinematic.py:6 (operator)\n    - return a < 3\n    + return a > 3" in said
     assert "(67 %)" in said
     assert "[3/3" in capsys.readouterr().out
-    assert '"share": 0.6666' in mutants.saved(tried, outcomes, 5)
     assert sorted(path for path in project.rglob("*") if "__pycache__" not in path.parts) == before
 
 
