@@ -143,7 +143,7 @@ def test_unreadable_files(tmp_path: Path, pulley_rig: Rig) -> None:
     for name, said in (
         ("missing.csv", "cannot be read"),
         (".", "is a folder"),
-        ("log.parquet", "not a Parquet file"),
+        ("log.parquet", "cannot be read as Parquet"),
         ("text.parquet", "row 1, column 'x1': 'a' is not a finite number"),
     ):
         with pytest.raises(LogError, match=said):

@@ -44,17 +44,18 @@ def memory_limit() -> int:
 
 def check_rows(path: Path, rows: int, columns: int) -> None:
     """Raise a `LogError` where a table takes more memory than is allowed."""
-    size = COPIES * rows * columns * np.dtype(np.float64).itemsize
+    size = rows * columns * np.dtype(np.float64).itemsize
     check_memory(path, size, f"has {rows:,} rows of {columns} columns or more")
 
 
-def check_memory(path: Path, needed: float, why: str) -> None:
+def check_memory(path: Path, size: float, why: str) -> None:
     """Raise a `LogError` where reading a log needs more memory than is allowed.
 
     Args:
-        needed: memory that reading takes [bytes].
+        size: of what is read [bytes].
         why: first words of the message, which say what takes this memory.
     """
+    needed = COPIES * size
     if needed > memory_limit():
         raise LogError(
             f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; "

@@ -22,9 +22,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, did_you_mean
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
-from distal.logs.formats.parquet import read_parquet
 from distal.logs.messages import STAMPS, number_of
-from distal.logs.output_files import shown
 from distal.logs.stamps import (
     LATEST_DATE,
     longest_part,
@@ -108,7 +106,7 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
     readings: dict[str, list[Reading]] = {column: [] for column in columns if column != time}
     topics: set[str] = set()
     owners = dict[str, str]()
-    for number, message in enumerate(messages_of(path, topics)):
+    for number, message in enumerate(_messages_of(path, topics)):
         for column, samples in readings.items():
             cell = _cell(message, column)
             if cell is None:
@@ -346,27 +344,14 @@ def _shortest_interval(stamps: list[NDArray[np.int64]]) -> float:
     return float(min(intervals, default=0.0))
 
 
-def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a recording, and put the names of its topics into the set `topics`.
-
-    Raises:
-        LogError: the recording cannot be read, or a package for that is missing.
-    """
-    if not path.exists():
-        raise LogError(f"{path}: is not there")
-    try:
-        read = format_of(path).messages
-        assert read is not None
-        yield from read(path, topics)
-    except LogError:
-        raise
-    except Exception as problem:
-        raise LogError(
-            f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})"
-        ) from None
+def _messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield the messages of a recording, and put the names of its topics into the set `topics`."""
+    read = format_of(path).messages
+    assert read is not None
+    return read(path, topics)
 
 
-def recorded_columns(path: str | Path) -> list[str]:
+def recorded_columns(path: Path) -> list[str]:
     """Return the columns with numbers in a recording: ``/topic.field``, and for an array beside
     names ``/topic[name].field``; stamps are none.
 
@@ -375,7 +360,7 @@ def recorded_columns(path: str | Path) -> list[str]:
     """
     seen = Counter[str]()
     columns = dict[str, None]()
-    for message in messages_of(Path(path), set()):
+    for message in _messages_of(path, set()):
         seen[message.topic] += 1
         if seen[message.topic] <= OF_A_TOPIC:
             # messages that nobody asks for may be of a kind that cannot be read
@@ -469,7 +454,7 @@ def episodes_of(folder: Path) -> list[Episode]:
     problems = list[LogError]()
     for file in files:
         try:
-            cells = read_parquet(file, [EPISODE])
+            cells = _read(file, [EPISODE])
         except LogError as problem:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
@@ -509,10 +494,8 @@ def rows_of_episode(episode: Episode, columns: Sequence[str] | None) -> Cells:
         other: name for name in columns or () for other in (STATE + name, *LEROBOT.get(name, ()))
     }
     asked = None if columns is None else (*columns, *alias, EPISODE)
-    try:
+    with format_of(episode.path).reading(episode.path):
         written = episode.path.stat().st_mtime_ns
-    except OSError as problem:
-        raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
     cells, values = _file(episode.path, written, asked)
     mine = values == episode.number
     held: dict[str, Column] = {
@@ -529,7 +512,7 @@ def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Ce
     The file is kept for the next call, since its episodes are read one after the other. `written`
     is when the file was changed last [ns], so that a changed file is read again.
     """
-    cells = read_parquet(path, columns)
+    cells = _read(path, columns)
     cells.check([EPISODE])
     return cells, cells.values(EPISODE)
 
@@ -595,23 +578,7 @@ def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float)
     if isinstance(path, Episode):
         return rows_of_episode(path, columns)
     if isinstance(path, (str, Path)):
-        path = Path(path)
-        try:
-            is_folder = path.is_dir()
-        except (OSError, ValueError, RuntimeError) as problem:
-            raise LogError(
-                f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
-            ) from None
-        check_is_content(path)
-        kind = format_of(path)
-        if kind.read is None:
-            return read_recording(path, columns, time, unit)
-        if is_folder:
-            raise LogError(
-                f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
-                f"{path}/*.csv"
-            )
-        return kind.read(path, columns and [*columns, *TIMES])
+        return _read(Path(path), columns, time, unit)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
     columns_of = {
@@ -623,6 +590,21 @@ def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float)
         columns_of[time] = _column(index)
         names = [*names, time]
     return Cells(columns_of, Path("the frame"), 0, tuple(names))
+
+
+def _read(path: Path, columns: Sequence[str] | None, time: str = "t", unit: float = 1.0) -> Cells:
+    """Return the cells of a file or a recording; see `open_table`."""
+    kind = format_of(path)
+    with kind.reading(path):
+        check_is_content(path)
+        if kind.read is None:
+            return read_recording(path, columns, time, unit)
+        if path.is_dir():
+            raise LogError(
+                f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
+                f"{path}/*.csv"
+            )
+        return kind.read(path, columns and [*columns, *TIMES])
 
 
 def _is_dated(column: Any) -> bool:

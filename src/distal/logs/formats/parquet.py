@@ -31,39 +31,22 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: the file is not Parquet, the columns take more memory than is allowed, or pyarrow
-            is missing.
+        LogError: the columns take more memory than is allowed, or a column holds vectors of
+            different lengths.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise LogError(
-            f"{path}: Parquet needs the package pyarrow (pip install '.[parquet]')"
-        ) from None
-    try:
-        source = path.open("rb")
-    except OSError as problem:
-        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
-    with source:
-        try:
-            file = pyarrow.parquet.ParquetFile(source)
-            parts = _parts(path, file)
-            chosen = {name: part for name, part in parts.items() if needed(name, columns)}
-            read = list(dict.fromkeys(column for column, _ in chosen.values()))
-            check_rows(path, file.metadata.num_rows, len(chosen))
-            table = file.read(columns=read, use_threads=False)
-            held = {
-                name: _column(path, column, table[column], at)
-                for name, (column, at) in chosen.items()
-            }
-            return Cells(held, path, 1, tuple(parts))
-        except LogError:
-            raise
-        except Exception as problem:  # of a damaged file Arrow may raise anything
-            raise LogError(
-                f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})"
-            ) from None
+    import pyarrow.parquet
+
+    with path.open("rb") as source:
+        file = pyarrow.parquet.ParquetFile(source)
+        parts = _parts(path, file)
+        chosen = {name: part for name, part in parts.items() if needed(name, columns)}
+        read = list(dict.fromkeys(column for column, _ in chosen.values()))
+        check_rows(path, file.metadata.num_rows, len(chosen))
+        table = file.read(columns=read, use_threads=False)
+        held = {
+            name: _column(path, column, table[column], at) for name, (column, at) in chosen.items()
+        }
+    return Cells(held, path, 1, tuple(parts))
 
 
 def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
@@ -119,8 +102,9 @@ def write_parquet(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) ->
 
 
 PARQUET = Format(
+    "Parquet",
     endings=(".parquet", ".pq"),
     read=read_parquet,
     write=write_parquet,
-    package=("pyarrow", "parquet"),
+    package="pyarrow",
 )
