@@ -77,6 +77,10 @@ def _is_called(text: str, name: str) -> bool:
     return bool(last) and words[-len(last) :] == last
 
 
+STATE = "observation.state."
+"""What stands before the name of a motor in the columns of a dataset's readings."""
+
+
 def headers_of(headers: Sequence[str], desired: Collection[str], source: str) -> dict[str, str]:
     """Return header → desired name, for the columns that are called otherwise: with a unit, in
     other letters (`Flexor Pos`), or in a path (`/hand/flexor_pos`).
@@ -99,8 +103,10 @@ def headers_of(headers: Sequence[str], desired: Collection[str], source: str) ->
                 "remove one"
             )
         alike = by_unit or [t for t in headers if t not in desired and _is_called(t, name)]
-        if len(alike) == 1:
-            name_of[alike[0]] = name
+        # what a dataset measured comes before what it commanded
+        measured = [text for text in alike if text.startswith(STATE)] or alike
+        if len(measured) == 1:
+            name_of[measured[0]] = name
     return name_of
 
 

@@ -90,7 +90,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
 
 def _read(path: Path, file: TextIO, columns: Sequence[str] | None) -> Cells:
     longest = memory_limit() // COPIES  # of a line: a device may never end one
-    lines = _head(path, file, longest)
+    lines = _head(file, longest)
     separator, names, header_cells, first_row = _header(path, lines, frozenset(columns or ()))
     parts: dict[str, list[Column]] = {name: [] for name in names if needed(name, columns)}
     row = first_row
@@ -99,8 +99,8 @@ def _read(path: Path, file: TextIO, columns: Sequence[str] | None) -> Cells:
     repeated = list[int]()
     while text := text + file.read(BLOCK) + file.readline(longest):
         rows = list[list[str]]()
-        for line in _checked(path, text, row).removesuffix("\n").split("\n"):
-            cells = _split(path, row, line, separator)
+        for line in _checked(text, row).removesuffix("\n").split("\n"):
+            cells = _split(row, line, separator)
             if len(cells) == len(names) + 1 and not cells[-1].strip():
                 del cells[-1]  # each row ends with a separator
             first = cells[0].strip() if cells else ""
@@ -116,14 +116,14 @@ def _read(path: Path, file: TextIO, columns: Sequence[str] | None) -> Cells:
         for name, column in zip(names, zip(*rows)):
             if name in parts:
                 parts[name].append(compact(list(column)))
-        check_rows(path, row - first_row, len(parts))
+        check_rows(row - first_row, len(parts))
     held = {name: _joined(of_column) for name, of_column in parts.items()}
     if torn:
         at, reason = next(iter(torn.items()))
-        wrong = f"{path}: row {at}: {reason}"
+        wrong = f"row {at}: {reason}"
         if 2 * len(torn) > max(map(len, held.values()), default=0):
             raise LogError(wrong)
-        say(f"{wrong}; rows left out: {len(torn)}")
+        say(f"{path}: {wrong}; rows left out: {len(torn)}")
     if repeated:
         say(
             f"{path}: row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are "
@@ -143,22 +143,22 @@ def _mismatch(cells: Sequence[str], names: Sequence[str]) -> str:
     return text
 
 
-def _head(path: Path, file: TextIO, longest: int) -> list[str]:
+def _head(file: TextIO, longest: int) -> list[str]:
     """Return the first lines of a file, up to the first row of numbers."""
     lines = list[str]()
     while len(lines) < MOST_ABOVE:
-        lines.append(_checked(path, file.readline(longest), len(lines) + 1))
-        if not lines[-1] or _value_cells(path, lines[-1]):
+        lines.append(_checked(file.readline(longest), len(lines) + 1))
+        if not lines[-1] or _value_cells(lines[-1]):
             break
     return lines
 
 
-def _value_cells(path: Path, line: str) -> tuple[str, int] | None:
+def _value_cells(line: str) -> tuple[str, int] | None:
     """Return the separator and the number of cells of a row of numbers, None of another line."""
     for separator in (*SEPARATORS, BLANKS):
         cells = list[str]()
         with suppress(LogError):  # a quote that is not closed is said where rows are read
-            cells = _split(path, 0, line, separator)
+            cells = _split(0, line, separator)
         if len(cells) > 1 and "".join(cells).strip() and all(map(_is_value, cells)):
             return separator, len(cells)
     return None
@@ -175,9 +175,9 @@ def _header(
     """
     plain = [k for k, line in enumerate(lines) if line.strip() and not line.startswith(COMMENT)]
     if not plain:
-        raise LogError(f"{path}: is empty")
+        raise LogError("is empty")
     top = plain[0]
-    first = _value_cells(path, lines[-1])
+    first = _value_cells(lines[-1])
     if first is not None:
         separator, count = first
     else:  # a column of text: the first line has the names
@@ -186,7 +186,7 @@ def _header(
         if separator not in lines[top] and len(lines[top].split()) > 1:
             separator = BLANKS
     cells_of = [
-        [cell.strip() for cell in _split(path, k + 1, line.lstrip(COMMENT), separator)]
+        [cell.strip() for cell in _split(k + 1, line.lstrip(COMMENT), separator)]
         for k, line in enumerate(lines)
     ]
     at = top if first is None or top < len(lines) - 1 else None
@@ -207,7 +207,7 @@ def _header(
     header_cells = cells_of[at]
     name, most = Counter(header_cells).most_common(1)[0]
     if most > 1:
-        raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
+        raise LogError(f"the header has column '{name}' more than once; names must differ")
     before = sum(k < at for k in plain)
     if before:
         say(f"{path}: {before} lines above the header, row {at + 1}, are left out")
@@ -245,7 +245,7 @@ def _joined(parts: list[Column]) -> Column:
     return np.concatenate(arrays)
 
 
-def _split(path: Path, row: int, line: str, separator: str) -> list[str]:
+def _split(row: int, line: str, separator: str) -> list[str]:
     """Return the cells of a line; raise a `LogError` where a quoted cell does not end in it."""
     if separator != ",":
         line = DECIMAL_COMMA.sub(".", line)
@@ -257,11 +257,11 @@ def _split(path: Path, row: int, line: str, separator: str) -> list[str]:
         return next(csv.reader([line], delimiter=separator, strict=True))
     except csv.Error as problem:
         raise LogError(
-            f"{path}: row {row}: cannot be read as CSV ({problem}); is a quote not closed?"
+            f"row {row}: cannot be read as CSV ({problem}); is a quote not closed?"
         ) from None
 
 
-def _checked(path: Path, text: str, row: int) -> str:
+def _checked(text: str, row: int) -> str:
     """Return some lines, of which `row` is the first one, with `SIGNS` in UTF-8; raise a `LogError`
     where they are no text.
     """
@@ -272,9 +272,9 @@ def _checked(path: Path, text: str, row: int) -> str:
         return text
     row += text.count("\n", 0, odd.start())
     if odd[0] != "\0":
-        raise LogError(f"{path}: row {row}: is not UTF-8 text")
+        raise LogError(f"row {row}: is not UTF-8 text")
     raise LogError(
-        f"{path}: row {row}: is not text, it holds a zero byte; a CSV file is expected (Parquet "
+        f"row {row}: is not text, it holds a zero byte; a CSV file is expected (Parquet "
         "needs the ending .parquet; unpack an archive)"
     )
 

@@ -27,13 +27,11 @@ class Message:
     """One message of a recording; it is decoded when it is asked for.
 
     Args:
-        path: the recording.
         recorded: when the message was recorded [ns].
         decode: function that returns the message's content.
         json: whether the message is JSON, whose fields may be looked for by name without a topic.
     """
 
-    path: Path
     topic: str
     recorded: int
     decode: Callable[[], object]
@@ -53,7 +51,7 @@ class Message:
             raise
         except Exception as problem:
             raise UndecodableError(
-                f"{self.path}: a message of '{self.topic}' cannot be decoded "
+                f"a message of '{self.topic}' cannot be decoded "
                 f"({type(problem).__name__}: {str(problem)[:120]})"
             ) from None
 
@@ -107,13 +105,15 @@ class Format:
 
     @contextmanager
     def reading(self, path: Path) -> Iterator[None]:
-        """Turn whatever is raised while a log is read into a `LogError` that names its path: of a
-        damaged file the packages that read it may raise anything.
+        """Turn whatever is raised while a log is read into a `LogError` with its path before it: of
+        a damaged file the packages that read it may raise anything.
         """
         try:
             yield
-        except (LogError, MemoryError):
+        except MemoryError:
             raise
+        except LogError as problem:
+            raise LogError(f"{shown(path)}: {problem}") from None
         except ImportError as problem:
             package = (problem.name or "").partition(".")[0]
             raise LogError(

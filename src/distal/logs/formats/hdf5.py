@@ -36,12 +36,12 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
         every = [column for name, part in sets.items() for column in _columns(name, part)]
         chosen = [column for column in every if needed(column[0], columns)]
         size = sum(part.dtype.itemsize * len(part) for _, part, _ in chosen)
-        check_memory(path, size, f"it holds {len(chosen)} columns of that")
+        check_memory(size, f"it holds {len(chosen)} columns of that")
         held: dict[str, Column] = {name: np.asarray(part[at]) for name, part, at in chosen}
     lengths = {len(column) for column in held.values()}
     if len(lengths) > 1:
         raise LogError(
-            f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
+            f"its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows. Are these several episodes? Write each into a file of its own"
         )
     return Cells(held, path, 1, tuple(name for name, _, _ in every))

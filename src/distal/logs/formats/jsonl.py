@@ -21,7 +21,7 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
     Raises:
         LogError: a line is no JSON object.
     """
-    check_memory(path, path.stat().st_size, "it is read as a whole")
+    check_memory(path.stat().st_size, "it is read as a whole")
     lines = path.read_bytes().split(b"\n")
     rows = list[dict[str, str]]()
     for number, line in enumerate(lines, 1):
@@ -32,9 +32,9 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
         except ValueError as problem:
             if number == len(lines) > 1:
                 break  # the recorder was stopped within a line
-            raise LogError(f"{path}: row {number}: is no JSON ({problem})") from None
+            raise LogError(f"row {number}: is no JSON ({problem})") from None
         if not isinstance(content, dict):
-            raise LogError(f"{path}: row {number}: is no JSON object with names, {{...}}")
+            raise LogError(f"row {number}: is no JSON object with names, {{...}}")
         rows.append(dict(_flat(content)))
     names = tuple(dict.fromkeys(name for row in rows for name in row))
     held = {

@@ -45,14 +45,14 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                         if in_json
                         else partial(_of_ros, stores, schema, message.data)
                     )
-                    yield Message(path, channel.topic, message.log_time, decode, in_json)
+                    yield Message(channel.topic, message.log_time, decode, in_json)
 
 
 def _is_complete(path: Path, file: BinaryIO) -> bool:
     """Return whether an MCAP file has an end; warn where it has none."""
     begins = file.read(len(MAGIC))
     if begins != MAGIC:
-        raise LogError(f"{path}: is no MCAP file, since it begins with {begins!r}")
+        raise LogError(f"is no MCAP file, since it begins with {begins!r}")
     size = file.seek(-len(MAGIC), SEEK_END)
     complete = file.read() == MAGIC and size > 0
     file.seek(0)

@@ -41,11 +41,9 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         parts = _parts(path, file)
         chosen = {name: part for name, part in parts.items() if needed(name, columns)}
         read = list(dict.fromkeys(column for column, _ in chosen.values()))
-        check_rows(path, file.metadata.num_rows, len(chosen))
+        check_rows(file.metadata.num_rows, len(chosen))
         table = file.read(columns=read, use_threads=False)
-        held = {
-            name: _column(path, column, table[column], at) for name, (column, at) in chosen.items()
-        }
+        held = {name: _column(column, table[column], at) for name, (column, at) in chosen.items()}
     return Cells(held, path, 1, tuple(parts))
 
 
@@ -76,7 +74,7 @@ def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
     return plain | of_vectors
 
 
-def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
+def _column(name: str, column: Any, at: int | None) -> Column:
     """Return the cells of an Arrow column, or the numbers `at` a position of its vectors; whole
     numbers stay whole where none is missing, dates keep their unit.
     """
@@ -85,9 +83,7 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
     if at is not None:
         lengths = pyarrow.compute.list_value_length(column)
         if lengths.null_count or len(lengths.unique()) > 1:
-            raise LogError(
-                f"{path}: column '{name}' holds vectors of different lengths, or misses some"
-            )
+            raise LogError(f"column '{name}' holds vectors of different lengths, or misses some")
         column = pyarrow.compute.list_element(column, at)
     return as_column(column.to_numpy())
 

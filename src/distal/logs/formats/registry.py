@@ -40,7 +40,7 @@ def check_is_content(path: Path) -> None:
             with path.open("rb") as file:
                 if file.read(len(POINTER)) == POINTER:
                     raise LogError(
-                        f"{path}: is a pointer of Git LFS; fetch the log itself with git lfs pull"
+                        "is a pointer of Git LFS; fetch the log itself with git lfs pull"
                     )
 
 

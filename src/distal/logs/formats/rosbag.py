@@ -24,7 +24,7 @@ def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():
             decode = partial(reader.deserialize, raw, connection.msgtype)
-            yield Message(path, connection.topic, recorded, decode)
+            yield Message(connection.topic, recorded, decode)
 
 
 ROSBAG = Format("a ROS bag", endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")
