@@ -30,6 +30,7 @@ from distal.cli.shared_options import (
     SetOption,
     UnitOption,
     check_command_outputs,
+    check_ending,
     check_folder,
     continue_on_failure,
     estimators,
@@ -40,7 +41,6 @@ from distal.cli.shared_options import (
     rigs,
     say,
     table,
-    to_file,
     warn,
     working,
 )
@@ -57,7 +57,7 @@ from distal.errors import (
 )
 
 if TYPE_CHECKING:
-    from distal.logs import Episode, Log, MessageReader, Output
+    from distal.logs import Episode, Log, MessageReader
     from distal.results import Estimate
     from distal.rig import Rig
     from distal.run import Monitor, Reading
@@ -321,8 +321,9 @@ def estimate_command(
         outputs = estimates_of(sources, out)
     else:
         panels = _panels(panel or (), plot)
-        outputs = [*to_file(out, "a table"), *to_file(plot, option="--plot")]
-    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
+        check_ending(out, "a table")
+        outputs = [out, plot]
+    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth, makes_folder=several)
     description, changed = rig_of_logs(sources, rig, set_)
     in_unit = unit or angle_unit(description.sensors)
     if several:
@@ -625,34 +626,26 @@ def _estimate_many(
         raise typer.Exit(2)
 
 
-def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Output]:
+def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Path | None]:
     """Return the file of each log's estimate.
 
     Raises:
         OutputError: a log came twice, two logs have the same name, or `out` is a file.
     """
-    from distal.logs import outputs_in
-
-    if len(
-        {
-            (os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem))
-            for path in logs
-        }
-    ) < len(logs):
+    files = {
+        (os.path.realpath(log if isinstance(log, Path) else log.path), log.stem) for log in logs
+    }
+    if len(files) < len(logs):
         raise OutputError("a log came more than once; give each once")
     if out is None:
         return []
     check_folder(out, "of several logs")
-    stems = Counter(path.stem for path in logs)
-    files: list[Output] = []
-    for path in logs:
-        if stems[path.stem] > 1:
-            raise OutputError(
-                f"{path}: another log has the name '{path.stem}' too; rename one, or estimate them "
-                "apart"
-            )
-        files += outputs_in(out, [f"{path.stem}.csv"], f"--out for {path}")
-    return files
+    stem, most = Counter(log.stem for log in logs).most_common(1)[0]
+    if most > 1:
+        raise OutputError(
+            f"{stem}: another log has the name '{stem}' too; rename one, or estimate them apart"
+        )
+    return [out / f"{log.stem}.csv" for log in logs]
 
 
 LONGEST_LINE = csv.field_size_limit()

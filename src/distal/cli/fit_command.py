@@ -25,7 +25,6 @@ from distal.cli.shared_options import (
     say,
     stoppable,
     table,
-    to_file,
     warn,
     working,
 )
@@ -113,7 +112,7 @@ def fit_command(
     from distal.logs import read_log
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(to_file(out, "a rig file"), logs=logs, rig=rig, truth=truth)
+    check_command_outputs([out], "a rig file", logs=logs, rig=rig, truth=truth)
     if groups is not None:
         groups_of([str(path) for path in logs], groups)
     home = homing_time(homing)
@@ -212,7 +211,7 @@ def calibrate_command(
     from distal.hands import calibrate
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(to_file(out, "a rig file"), logs=[log], rig=rig)
+    check_command_outputs([out], "a rig file", logs=[log], rig=rig)
     with working("calibrating"):
         found = calibrate(log, load_rig(rig, set_), accept=accept)
     _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
@@ -377,9 +376,7 @@ def learn_command(
     from distal.logs import read_log, sources_of, write_whole
     from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
-    check_command_outputs(
-        to_file(out, "a rig file"), logs=logs, rig=None if rig is None else str(rig)
-    )
+    check_command_outputs([out], "a rig file", logs=logs, rig=None if rig is None else str(rig))
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
     sources = sources_of(logs)

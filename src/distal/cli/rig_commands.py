@@ -23,7 +23,6 @@ from distal.cli.shared_options import (
     check_new,
     say,
     table,
-    to_file,
     warn,
     working,
 )
@@ -157,7 +156,7 @@ def draw_command(
     from distal.rig import load_rig
 
     plot_kind(out)
-    check_command_outputs(to_file(out), rig=rig)
+    check_command_outputs([out], rig=rig)
     description = load_rig(rig, set_)
     with working("drawing"):
         save_figure(draw_rig(description), out)
@@ -194,7 +193,7 @@ def _write(imported: Imported, out: Path, source: str) -> None:
 
 def check_new_rig(out: Path, *inputs: Path | None) -> None:
     """Raise an `OutputError` where a new rig file cannot be written beside what is read."""
-    check_command_outputs(to_file(out, "a rig file"), logs=filter(None, inputs))
+    check_command_outputs([out], "a rig file", logs=inputs)
     check_new(out)
 
 
@@ -274,7 +273,7 @@ def to_mjcf_command(
     paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
     drawn = draws_of(described) if draws else ()
     for n, path in enumerate(paths):
-        check_command_outputs(to_file(path), rig=rig, logs=filter(None, [into]))
+        check_command_outputs([path], rig=rig, logs=[into])
         values = built_values(described, drawn, scores(drawn, [n]))
         write_whole(path, to_mjcf(described.with_values(values), into))
         say(f"wrote {path}")
@@ -319,7 +318,6 @@ def export_command(
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, check_ours, export_c, export_files
-    from distal.logs import outputs_in
     from distal.rig import load_rig
     from distal.units import to_si
 
@@ -328,7 +326,7 @@ def export_command(
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
     files = export_files(name, command, arduino)
-    check_command_outputs(outputs_in(out, files, "--out"), rig=rig)
+    check_command_outputs([out / file for file in files], rig=rig, makes_folder=True)
     check_ours(out, files)
     with working("writing C"):
         exported = export_c(
@@ -367,7 +365,7 @@ def fmu_command(
     from distal.export import c_name, export_fmu
     from distal.rig import load_rig
 
-    check_command_outputs(to_file(out), rig=rig)
+    check_command_outputs([out], rig=rig)
     described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name

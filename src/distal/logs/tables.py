@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass, replace
 from functools import lru_cache
+from math import isnan, nan
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, did_you_mean
 from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
-from distal.logs.messages import STAMPS, number_of
+from distal.logs.messages import TIMES, number_of, stamp_of
 from distal.logs.stamps import (
     LATEST_DATE,
     longest_part,
@@ -117,9 +118,11 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
             if isinstance(cell, dict | list | np.ndarray):
                 raise LogError(f"'{column}' is no number; name one element of it, e.g. {column}[0]")
             recorded = min(message.recorded, NO_TIME)
-            stamp = _json_stamp(message, time, unit) if message.json else message.stamp
-            at = recorded if stamp is None else stamp
-            samples.append((order, at, recorded, number_of(cell, column)))
+            stamp = recorded if message.stamp is None else message.stamp
+            seconds = stamp_of(message.content, time, unit) if message.json else nan
+            if not isnan(seconds):
+                stamp = round(seconds * 1e9) if abs(seconds) < LATEST_DATE else NO_TIME
+            samples.append((order, stamp, recorded, number_of(cell, column)))
     held = {column: samples for column, samples in readings.items() if samples}
     if not held:
         first = next(iter(readings), "")
@@ -218,17 +221,6 @@ def _element(message: Message, joint: str, field: str) -> object:
     known = list(names)
     # a driver may publish each joint in a message of its own
     return message.read(f"{field}[{known.index(joint)}]") if joint in known else None
-
-
-def _json_stamp(message: Message, time: str, unit: float) -> int | None:
-    """Return the stamp that a JSON message holds [ns], or None where it holds none."""
-    for name, factor in ((time, unit), ("timestamp", 1.0)):
-        cell = message.read(name)
-        if cell is None:
-            continue
-        seconds = number_of(cell, name) * factor
-        return round(seconds * 1e9) if abs(seconds) < LATEST_DATE else NO_TIME
-    return None
 
 
 def _stamped(
@@ -353,7 +345,7 @@ def _columns_of(message: Message) -> Iterator[str]:
     names = message.read("name")
     of_joints = [str(name) for name in names] if isinstance(names, list) else []
     for field in _fields(message.content):
-        if message.json and field in STAMPS:
+        if message.json and field in TIMES:
             continue
         array, _, index = field.partition("[")
         index = index.rstrip("]")
@@ -386,9 +378,6 @@ def _is_number(member: object) -> bool:
 
 EPISODE = "episode_index"
 """Column that holds the number of the episode to which a row belongs."""
-
-TIMES = ("t", "time", "timestamp", "stamp", "ts")
-"""Names of the time of a table which lacks the rig's own."""
 
 
 @dataclass(frozen=True)
