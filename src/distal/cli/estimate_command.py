@@ -321,9 +321,10 @@ def estimate_command(
         outputs = estimates_of(sources, out)
     else:
         panels = _panels(panel or (), plot)
-        check_ending(out, "a table")
         outputs = [out, plot]
     check_command_outputs(outputs, logs=logs, rig=rig, truth=truth, makes_folder=several)
+    if not several:
+        check_ending(out, "a table")
     description, changed = rig_of_logs(sources, rig, set_)
     in_unit = unit or angle_unit(description.sensors)
     if several:

@@ -50,11 +50,11 @@ MOST_LINES = 4
 """
 
 
-LogsToFitArgument = Annotated[
+LogsArgument = Annotated[
     list[Path],
     Argument(
-        help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets); some with the "
-        "joint's angle, or all, or none."
+        help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets) with the same columns, "
+        "some with the joints' angles."
     ),
 ]
 FittedOutOption = Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")]
@@ -90,7 +90,7 @@ OpenLoopOption = Annotated[
 
 
 def fit_command(
-    logs: LogsToFitArgument,
+    logs: LogsArgument,
     rig: RigOption,
     *,
     out: FittedOutOption = None,
@@ -256,13 +256,6 @@ def _show(rig: Rig, faulty: set[str]) -> None:
     )
 
 
-LogsArgument = Annotated[
-    list[Path],
-    Argument(
-        help="Logs with the same columns (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot "
-        "datasets), some with the joints' angles."
-    ),
-]
 JointsOption = Annotated[
     str | None,
     Option(help="Columns that are joints' angles, separated by commas."),

@@ -394,21 +394,13 @@ def fmu_command(
 
 _PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
 
-_EXTRAS = {
-    "pyarrow": "parquet",
-    "pandas": "pandas",
-    "polars": "polars",
-    "mcap": "mcap",
-    "rosbags": "ros",
-}
-"""Packages that are not needed, and the extra that installs each."""
-
 
 def doctor_command() -> None:
     """Say which versions are in use, and with which compiler and where kernels are built."""
     from importlib.metadata import PackageNotFoundError, version
 
     from distal.kernels import cache_folder, find_compiler
+    from distal.logs.formats.format import EXTRAS
 
     say(
         f"distal {__version__}, Python {platform.python_version()}, {platform.system()} "
@@ -422,7 +414,7 @@ def doctor_command() -> None:
             return f"{name} not installed{advice}"
 
     say(f"packages: {', '.join(map(installed, _PACKAGES))}")
-    extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in _EXTRAS.items())
+    extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in EXTRAS.items())
     say(f"extras: {', '.join(extras)}")
     found = find_compiler()
     compiler = found if isinstance(found, str) else f"{found.version} ({found.command[0]})"

@@ -202,15 +202,15 @@ def simulate_command(
     # no file can lie beside a pipe or a device
     is_regular = not out.exists() or out.is_file() or out.is_dir()
     beside = rig_beside(out, runs is not None)
-    for path in names.values():
-        check_ending(path, "a table")
     check_command_outputs(
         [*names.values(), beside if is_regular else None],
         rig=description.rig,
         scenario=scenario,
         makes_folder=runs is not None,
     )
-    if runs is not None:
+    if runs is None:
+        check_ending(out, "a table")
+    else:
         make_folder(out)
     with progress_bar("simulating", len(names)) as advance:
         for done, (number, path) in enumerate(names.items(), 1):
