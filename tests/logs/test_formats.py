@@ -15,10 +15,10 @@ import pytest
 from distal import Log, Rig, read_log, write_log
 from distal.errors import LogError, OutputError
 from distal.logs import formats
-from distal.logs.formats import FORMATS, format_of
+from distal.logs.formats.registry import FORMATS, format_of
 from tests.cli.test_cli import refused, run  # noqa: F401
 
-SHARED = {"__init__", "format"}
+SHARED = {"__init__", "format", "registry"}
 
 
 def test_each_file_is_a_format() -> None:

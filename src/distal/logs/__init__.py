@@ -12,7 +12,7 @@ was left out said in warnings. Every reading passes one conversion, v = sign (ra
     print(len(log), list(log.channels))
 """
 
-from distal.logs.formats import TABLES, check_format, file_of
+from distal.logs.formats.registry import TABLES, check_format, file_of
 from distal.logs.log import (
     FROM_SENSOR,
     LARGEST_READING,

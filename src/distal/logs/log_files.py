@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import LogError, did_you_mean
-from distal.logs.formats import TABLES, file_of
+from distal.logs.formats.registry import TABLES, file_of
 from distal.logs.log import (
     NO_SOURCE,
     WRONG_UNIT,
@@ -30,7 +30,7 @@ from distal.logs.output_files import write_whole
 from distal.logs.raw_to_si import TURN, RawToSI, says_nothing
 from distal.logs.stamps import Clock, clock_of, dated, in_order, is_time, spread
 from distal.logs.table_cells import Cells, factor_of, say, scale, time_factor
-from distal.logs.tables import Source, Stamped, open_table, together
+from distal.logs.tables import Source, open_table, together
 from distal.rig import (
     REFERENCES,
     Rig,
@@ -115,19 +115,13 @@ def read_log(
     torques = _of_references(rig, rig.sensors_of("torque"), names, readings)
     torques |= _simulated(names, "N m", table)
     known = {name: values for name, values in torques.items() if np.isfinite(values).any()}
-    return Log(
-        time,
-        {sensor.name: readings[sensor.name] for sensor in needed},
-        angles | known,
-        source,
-        origin,
-        clock.stamps,
-        {
-            name: table.values(goal) * factor_of(sensor, table.units, source)
-            for name, (goal, sensor) in goals.items()
-            if goal in table.columns
-        },
-    )
+    channels = {sensor.name: readings[sensor.name] for sensor in needed}
+    setpoints = {
+        name: table.values(goal) * factor_of(sensor, table.units, source)
+        for name, (goal, sensor) in goals.items()
+        if goal in table.columns
+    }
+    return Log(time, channels, angles | known, source, origin, clock.stamps, setpoints)
 
 
 def _has_values(angles: Mapping[str, Floats], subject: str) -> bool:
@@ -177,13 +171,10 @@ def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
         return table, clock
     dates = clock.stamps
     since = np.round(clock.time * 1e9) if dates is None else dates
-    stamped = dict[str, Stamped]()
-    for name, values in held.items():
-        at = np.isfinite(values) & np.isfinite(clock.time)
-        stamped[name] = since[at].astype(np.int64), values[at]
-    stamps, columns = together(stamped)
-    if not np.isfinite([*columns.values()]).all(axis=0).any():
-        return table, clock
+    at = {name: np.isfinite(values) & np.isfinite(clock.time) for name, values in held.items()}
+    stamps, columns = together(
+        {name: (since[at[name]].astype(np.int64), held[name][at[name]]) for name in held}
+    )
     none = np.full(len(stamps), np.nan)
     joined = replace(table, columns={name: columns.get(name, none) for name in table.columns})
     return joined, Clock(stamps.astype(np.float64) * 1e-9) if dates is None else dated(stamps)
@@ -416,8 +407,7 @@ def read_angles(
     """
     cells = open_table(path, ["t", *names])
     cells.check(["t"])
-    unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
-    clock = clock_of(cells, "t", unit)
+    clock = clock_of(cells, "t", scale(cells.units, "t", "s", cells.source))
     stamps = clock.time
     if start is not None and clock.stamps is not None:
         stamps = (clock.stamps - start).astype(np.float64) * 1e-9

@@ -148,27 +148,25 @@ def time_factor(rig: Rig, units: Mapping[str, str], source: str) -> float:
     Raises:
         LogError: the header's unit is no unit of time.
     """
-    name = rig.log.time.column
-    unit = units.get(name, rig.log.time.unit)
-    return scale(unit, "s", f"{source}: column '{header(name, unit)}'")
+    time = rig.log.time
+    return scale({time.column: time.unit, **units}, time.column, "s", source)
 
 
-def scale(unit: str | None, si: str, position: str) -> float:
-    """Return the factor from a header's unit to the SI unit `si`; it is 1 where the header has no
-    unit.
+def scale(units: Mapping[str, str], name: str, si: str, source: str) -> float:
+    """Return the factor from a column's unit to the SI unit `si`; it is 1 where it has no unit.
 
     Args:
-        position: the column, as messages call it.
+        units: name → unit, of the columns that have one.
+        source: what the log is called in messages.
 
     Raises:
         LogError: the unit has another dimension, or is none.
     """
-    if unit is None:
-        return 1.0
+    unit = units.get(name, si)
     try:
         return unit_factor(unit, si)
     except UnitError as problem:
-        raise LogError(f"{position}: {problem}") from None
+        raise LogError(f"{source}: column '{header(name, unit)}': {problem}") from None
 
 
 INFO = Path("meta") / "info.json"
@@ -345,10 +343,7 @@ class Cells:
         Args:
             si: SI unit of the quantity.
         """
-        unit = self.units.get(name)
-        return self.values(name) * scale(
-            unit, si, f"{self.path}: column '{header(name, unit or '')}'"
-        )
+        return self.values(name) * scale(self.units, name, si, self.source)
 
     def parsed(self, names: Sequence[str]) -> Cells:
         """Return the table of some columns, as numbers.

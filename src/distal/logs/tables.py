@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, did_you_mean
-from distal.logs.formats import check_is_content, format_of
 from distal.logs.formats.format import Message, UndecodableError
+from distal.logs.formats.registry import check_is_content, format_of
 from distal.logs.messages import TIMES, number_of, stamp_of
 from distal.logs.stamps import (
     LATEST_DATE,

@@ -58,14 +58,12 @@ def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
     plain = dict[str, tuple[str, int | None]]()
     of_vectors = dict[str, tuple[str, int | None]]()
     for column in file.schema_arrow:
-        kind = column.type
+        of = getattr(column.type, "value_field", None)  # of a list
         length = 0
-        is_vector = (
-            types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
-        )
-        if is_vector and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type)):
-            batch = next(file.iter_batches(1, columns=[column.name]), None)
-            length = 0 if batch is None or not batch.num_rows else len(batch[0][0].values or ())
+        if of is not None and (types.is_floating(of.type) or types.is_integer(of.type)):
+            for batch in file.iter_batches(1, columns=[column.name]):
+                length = len(batch[0][0].values or ())
+                break
         if 0 < length <= WIDEST_VECTOR:
             names = numbered(path, column.name, length)
             of_vectors |= {name: (column.name, k) for k, name in enumerate(names)}
