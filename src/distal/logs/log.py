@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import log10
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +119,7 @@ class Log:
         if self.time.ndim != 1:
             raise LogError(f"{self.source}: time must be one column, shape {self.time.shape} came")
         check_stamps(self.time, self.source)
-        every: dict[str, NDArray[Any]] = {**self.channels, **self.truth, **self.goals}
+        every: dict[str, NDArray[np.generic]] = {**self.channels, **self.truth, **self.goals}
         if self.stamps is not None:
             stamps = np.array(self.stamps, dtype=np.int64)
             stamps.flags.writeable = False
