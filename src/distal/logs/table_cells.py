@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -71,10 +72,14 @@ def _is_called(text: str, name: str) -> bool:
     """Return whether the words of a header, without its unit, end with those of a name, in any case
     and with any signs between.
     """
-    words, last = (
-        [word.lower() for word in WORDS.findall(part)] for part in (name_and_unit(text)[0], name)
-    )
+    words = _words(name_and_unit(text)[0])
+    last = _words(name)
     return bool(last) and words[-len(last) :] == last
+
+
+@lru_cache
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in WORDS.findall(name)]
 
 
 STATE = "observation.state."
