@@ -224,10 +224,6 @@ def from_orca_command(
     _write(from_orca(config, calibration), out, "config")
 
 
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-"""Unit of length of a model → its size [m]."""
-
-
 @app.command("from-mjcf")
 def from_mjcf_command(
     model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
@@ -236,17 +232,15 @@ def from_mjcf_command(
         str | None, Option(help="Only joints of this body and what it carries.")
     ] = None,
     joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
-    length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
+    length_unit: Annotated[str, Option(help="Unit of length of the model, e.g. mm.")] = "m",
 ) -> None:
     """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
-    from distal.errors import RigError
     from distal.rig import from_mujoco
+    from distal.units import unit_factor
 
     check_new_rig(out, model)
-    if length_unit not in LENGTH_UNITS:
-        raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
-    _write(from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit]), out, "model")
+    _write(from_mujoco(model, chain, chosen, unit_factor(length_unit, "m")), out, "model")
 
 
 @app.command("to-mjcf")
