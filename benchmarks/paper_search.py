@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import DistalError
-from distal.logs import check_outputs, outputs_in, write_together
+from distal.logs import check_outputs, write_together
 from distal.reports.paper_2008 import Plant, measured, run_series, statements
 from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes, make_folder
 from distal.simulation import Scenario
@@ -242,7 +242,7 @@ def write_search(search: Search, out: str | Path) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    check_outputs(outputs_in(out, SEARCH_FILES, "the search"))
+    check_outputs([Path(out) / name for name in SEARCH_FILES], makes_folder=True)
     folder = make_folder(out)
     drawn = draw_map(search)
     files: dict[Path, bytes | str] = {

@@ -31,8 +31,8 @@ def test_a_rig_file_that_the_other_commands_take(run, model: Path, tmp_path: Pat
 
 
 def test_a_refusal_is_a_line(run, model: Path, tmp_path: Path) -> None:
-    said = "--length-unit must be m, cm or mm, 'inch' came"
-    refused(run(f"rig from-mjcf {model} --out {tmp_path / 'rig.toml'} --length-unit inch"), said)
+    said = "unit 'kg' has the wrong dimension; a unit like 'm' is allowed"
+    refused(run(f"rig from-mjcf {model} --out {tmp_path / 'rig.toml'} --length-unit kg"), said)
     refused(run(f"rig from-mjcf {model} --out {tmp_path / 'rig.toml'} --chain a"), "no body")
     assert not (tmp_path / "rig.toml").exists()
 

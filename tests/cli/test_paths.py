@@ -152,7 +152,7 @@ def test_no_two_outputs_are_one_file(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--out a.png --plot ./a.png", "asked for twice, first by --out"),
+        ("--out a.png --plot ./a.png", "asked for twice; give two names"),
         ("in/log.parquet --out out", "another log has the name 'log'"),
         ("in/log.csv --out out", "more than once"),
         ("--out in/log.csv/estimate.csv", "which is a file"),

@@ -12,7 +12,7 @@ import pytest
 
 from distal import Log, Rig, read_log, write_log
 from distal.errors import LogError, OutputError
-from distal.logs.formats import format_of
+from distal.logs.formats.registry import format_of
 from tests.cli.test_cli import refused, run  # noqa: F401
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from distal import Log
 from distal.errors import LogError
-from distal.logs import FROM_SENSOR, TruthKind
+from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 
 
 def test_a_log_is_frozen_and_checked() -> None:
@@ -43,7 +43,8 @@ def test_where_a_truth_comes_from_has_a_kind_and_words() -> None:
     assert read.truth_kind is TruthKind.SENSOR
     assert str(read.truth_source) == "the reference sensor"
     assert read.select([0]).truth_kind is TruthKind.SENSOR
-    identified = Log(time, {}, theta, "log", "at home, the reference sensor")
+    source = TruthSource(position="at home, the reference sensor")
+    identified = Log(time, {}, theta, "log", source)
     assert identified.truth_kind is TruthKind.OTHER
     assert not identified.truth_kind.by_sensor
     assert str(identified.truth_source) == "at home, the reference sensor"

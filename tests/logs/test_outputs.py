@@ -10,12 +10,7 @@ from pathlib import Path
 import pytest
 
 from distal.errors import OutputError
-from distal.logs import Output, check_outputs, outputs_in, shown, write_whole
-
-
-def one(path: Path) -> list[Output]:
-    return [Output(path, "--out")]
-
+from distal.logs import check_outputs, shown, write_whole
 
 NAMES = ("log", "in/../log", "way/log", "link", "link to a link", "hard link")
 """One file, by its name, over a folder, by a linked folder, and by links."""
@@ -34,13 +29,13 @@ def test_a_file_is_the_same_by_all_its_names(
     Path("hard link").hardlink_to("log")
     for other in (*NAMES, tmp_path / "log"):
         with pytest.raises(OutputError, match="is an input of this command"):
-            check_outputs(one(Path(name)), [("log", other)])
+            check_outputs([Path(name)], [other])
         with pytest.raises(OutputError, match="is asked for twice"):
-            check_outputs([*one(Path(name)), Output(Path(other), "--plot")])
-    check_outputs(one(Path("another")), [("log", name)])
+            check_outputs([Path(name), Path(other)])
+    check_outputs([Path("another")], [name])
     Path("dangling").symlink_to("new")
     with pytest.raises(OutputError, match="is asked for twice"):
-        check_outputs([*one(Path("new")), *one(Path("dangling"))])
+        check_outputs([Path("new"), Path("dangling")])
 
 
 def test_places_where_no_file_can_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,14 +56,14 @@ def test_places_where_no_file_can_stand(tmp_path: Path, monkeypatch: pytest.Monk
         *((name, ".") for name in ("a\0b", "a\ud800b", "x" * 300)),
     ):
         for attempt in (
-            lambda path: check_outputs(one(path)),
+            lambda path: check_outputs([path]),
             lambda path: write_whole(path, "text"),
         ):
             with pytest.raises(OutputError, match=said):
                 attempt(Path(name))
     for folder, said in (("file/below", "which is a file"), ("file", "which is a file")):
         with pytest.raises(OutputError, match=said):
-            check_outputs(outputs_in(folder, ["new"], "--out"))
+            check_outputs([Path(folder, "new")], makes_folder=True)
 
 
 def test_text_with_half_a_character_is_written_all_the_same(tmp_path: Path) -> None:
@@ -77,18 +72,20 @@ def test_text_with_half_a_character_is_written_all_the_same(tmp_path: Path) -> N
 
 
 def test_folders_are_not_made_by_a_check(tmp_path: Path) -> None:
-    check_outputs(outputs_in(tmp_path / "a" / "b", ["one.csv", "two.csv"], "--out"))
+    check_outputs(
+        [tmp_path / "a" / "b" / name for name in ("one.csv", "two.csv")], makes_folder=True
+    )
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(OutputError, match="asked for twice"):
-        check_outputs(outputs_in(tmp_path / "a" / "b", ["one.csv", "one.csv"], "--out"))
+        check_outputs(2 * [tmp_path / "a" / "b" / "one.csv"], makes_folder=True)
 
 
 def test_a_pipe_is_written_as_it_is(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    check_outputs(one(pipe))
+    check_outputs([pipe])
     with pytest.raises(OutputError, match="is an input"):
-        check_outputs(one(pipe), [("log", pipe)])
+        check_outputs([pipe], [pipe])
 
 
 def test_what_is_shown_is_one_line() -> None:

@@ -132,7 +132,7 @@ def test_unreadable_files(tmp_path: Path, pulley_rig: Rig) -> None:
     for name, said in (
         ("missing.csv", "cannot be read"),
         (".", "is a folder"),
-        ("log.parquet", "not a Parquet file"),
+        ("log.parquet", "cannot be read as Parquet"),
     ):
         with pytest.raises(LogError, match=said):
             read_log(tmp_path / name, pulley_rig)

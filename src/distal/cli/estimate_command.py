@@ -30,6 +30,7 @@ from distal.cli.shared_options import (
     SetOption,
     UnitOption,
     check_command_outputs,
+    check_ending,
     check_folder,
     continue_on_failure,
     estimators,
@@ -40,7 +41,6 @@ from distal.cli.shared_options import (
     rigs,
     say,
     table,
-    to_file,
     warn,
     working,
 )
@@ -57,7 +57,7 @@ from distal.errors import (
 )
 
 if TYPE_CHECKING:
-    from distal.logs import Episode, Log, MessageReader, Output
+    from distal.logs import Episode, Log, MessageReader
     from distal.results import Estimate
     from distal.rig import Rig
     from distal.run import Monitor, Reading
@@ -299,30 +299,28 @@ def estimate_command(
             raise EstimationError("--into is of one dataset, with --rig, --set and --unit alone")
         with_dataset(logs[0], rig_of_logs((), rig, set_)[0], into, unit)
         return
-    if out is None:
-        of_file = {"--all": every, "--unit": unit is not None}
-        _check_given(of_file, "is about the file of --out, which is not given")
     asked = estimator or []
     home = homing_time(homing)
-    _check_smoothing(smooth, asked, home)
     sources = sources_of(logs)
     several = sources != logs[:1]
-    panels: tuple[str, ...] = ()
-    if several:
-        for_one = {
-            "--homing-angle": homing_angle,
-            "--plot": plot,
-            "--panel": panel,
-            "--smooth": smooth,
-            "--findings": findings,
-            "a second --estimator": asked[1:],
-        }
-        _check_given(for_one, f"is for one log, {len(sources)} came; give one log")
-        outputs = estimates_of(sources, out)
-    else:
-        panels = _panels(panel or (), plot)
-        outputs = [*to_file(out, "a table"), *to_file(plot, option="--plot")]
-    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth)
+    of_file = {"--all": every, "--unit": unit}
+    _check_given(out is None, of_file, "is about the file of --out, which is not given")
+    unlike = {"--homing": homing, f"-e {', '.join(asked)}": set(asked) - {"adaptive"}}
+    _check_given(smooth, unlike, "does not go with --smooth: adaptive, over the whole log")
+    for_one = {
+        "--homing-angle": homing_angle,
+        "--plot": plot,
+        "--panel": panel,
+        "--smooth": smooth,
+        "--findings": findings,
+        "a second --estimator": asked[1:],
+    }
+    _check_given(several, for_one, f"is for one log, {len(sources)} came; give one log")
+    panels = _panels(panel or [], plot)
+    outputs = estimates_of(sources, out) if several else [out, plot]
+    check_command_outputs(outputs, logs=logs, rig=rig, truth=truth, makes_folder=several)
+    if not several:
+        check_ending(out, "a table")
     description, changed = rig_of_logs(sources, rig, set_)
     in_unit = unit or angle_unit(description.sensors)
     if several:
@@ -351,40 +349,21 @@ def estimate_command(
     _say(comparison, log, description, home, (out, plot), what_if=what_if, findings=findings)
 
 
-def _panels(asked: Sequence[str], plot: Path | None) -> tuple[str, ...]:
-    """Return the panels to draw.
-
-    Raises:
-        EstimationError: a panel has no such name, or there is no picture.
-        OutputError: the picture's ending is none that can be drawn.
-    """
+def _panels(asked: list[str], plot: Path | None) -> tuple[str, ...]:
+    """Return the panels to draw, where the path of the plot is one."""
     from distal.results import PANELS, check_panels, plot_kind
 
-    panels = check_panels(PANELS if "all" in asked else [*dict.fromkeys(asked)])
+    _check_given(plot is None, {"--panel": asked}, "says what --plot draws; give --plot too")
     if plot is not None:
         plot_kind(plot)
-    elif panels:
-        raise EstimationError("--panel says what --plot draws; give --plot too")
-    return panels
+    return check_panels(PANELS if "all" in asked else [*dict.fromkeys(asked)])
 
 
-def _check_given(options: Mapping[str, object], why: str) -> None:
-    """Raise an `EstimationError` where options are given that cannot be."""
-    wrong = [option for option, given in options.items() if given]
-    if wrong:
-        raise EstimationError(f"{', '.join(wrong)} {why}")
-
-
-def _check_smoothing(smooth: bool, asked: Sequence[str], home: float | None) -> None:
-    """Raise an `EstimationError` where another option asks for what smoothing is not."""
-    if smooth and home is not None:
-        raise EstimationError(
-            "--smooth uses the whole log and --homing its beginning; give one of them"
-        )
-    if smooth and set(asked) - {"adaptive"}:
-        raise EstimationError(
-            f"--smooth is of adaptive; leave out -e {', '.join(asked)}, or --smooth"
-        )
+def _check_given(wrong: bool, options: Mapping[str, object], why: str) -> None:
+    """Raise an `EstimationError` where it is wrong that one of the options is given."""
+    given = [option for option, value in options.items() if value]
+    if wrong and given:
+        raise EstimationError(f"{', '.join(given)} {why}")
 
 
 def _say_truth(comparison: Comparison, origin: str, home: float | None, read: str) -> None:
@@ -625,34 +604,26 @@ def _estimate_many(
         raise typer.Exit(2)
 
 
-def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Output]:
+def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Path | None]:
     """Return the file of each log's estimate.
 
     Raises:
         OutputError: a log came twice, two logs have the same name, or `out` is a file.
     """
-    from distal.logs import outputs_in
-
-    if len(
-        {
-            (os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem))
-            for path in logs
-        }
-    ) < len(logs):
+    files = {
+        (os.path.realpath(log if isinstance(log, Path) else log.path), log.stem) for log in logs
+    }
+    if len(files) < len(logs):
         raise OutputError("a log came more than once; give each once")
     if out is None:
         return []
     check_folder(out, "of several logs")
-    stems = Counter(path.stem for path in logs)
-    files: list[Output] = []
-    for path in logs:
-        if stems[path.stem] > 1:
-            raise OutputError(
-                f"{path}: another log has the name '{path.stem}' too; rename one, or estimate them "
-                "apart"
-            )
-        files += outputs_in(out, [f"{path.stem}.csv"], f"--out for {path}")
-    return files
+    stem, most = Counter(log.stem for log in logs).most_common(1)[0]
+    if most > 1:
+        raise OutputError(
+            f"{stem}: another log has the name '{stem}' too; rename one, or estimate them apart"
+        )
+    return [out / f"{log.stem}.csv" for log in logs]
 
 
 LONGEST_LINE = csv.field_size_limit()

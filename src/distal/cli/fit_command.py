@@ -25,7 +25,6 @@ from distal.cli.shared_options import (
     say,
     stoppable,
     table,
-    to_file,
     warn,
     working,
 )
@@ -51,11 +50,11 @@ MOST_LINES = 4
 """
 
 
-LogsToFitArgument = Annotated[
+LogsArgument = Annotated[
     list[Path],
     Argument(
-        help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets); some with the "
-        "joint's angle, or all, or none."
+        help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets) with the same columns, "
+        "some with the joints' angles."
     ),
 ]
 FittedOutOption = Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")]
@@ -91,7 +90,7 @@ OpenLoopOption = Annotated[
 
 
 def fit_command(
-    logs: LogsToFitArgument,
+    logs: LogsArgument,
     rig: RigOption,
     *,
     out: FittedOutOption = None,
@@ -113,7 +112,7 @@ def fit_command(
     from distal.logs import read_log
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(to_file(out, "a rig file"), logs=logs, rig=rig, truth=truth)
+    check_command_outputs([out], "a rig file", logs=logs, rig=rig, truth=truth)
     if groups is not None:
         groups_of([str(path) for path in logs], groups)
     home = homing_time(homing)
@@ -212,7 +211,7 @@ def calibrate_command(
     from distal.hands import calibrate
     from distal.rig import edited_text, load_rig
 
-    check_command_outputs(to_file(out, "a rig file"), logs=[log], rig=rig)
+    check_command_outputs([out], "a rig file", logs=[log], rig=rig)
     with working("calibrating"):
         found = calibrate(log, load_rig(rig, set_), accept=accept)
     _show(found.rig, {fault.drive for fault in found.faults if fault.kind not in ("slack", "zero")})
@@ -257,13 +256,6 @@ def _show(rig: Rig, faulty: set[str]) -> None:
     )
 
 
-LogsArgument = Annotated[
-    list[Path],
-    Argument(
-        help="Logs with the same columns (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot "
-        "datasets), some with the joints' angles."
-    ),
-]
 JointsOption = Annotated[
     str | None,
     Option(help="Columns that are joints' angles, separated by commas."),
@@ -377,9 +369,7 @@ def learn_command(
     from distal.logs import read_log, sources_of, write_whole
     from distal.rig import build_rig, edited_text, load_rig, parse_toml
 
-    check_command_outputs(
-        to_file(out, "a rig file"), logs=logs, rig=None if rig is None else str(rig)
-    )
+    check_command_outputs([out], "a rig file", logs=logs, rig=None if rig is None else str(rig))
     check_new(out)
     say(f"reading {len(logs)} log{'s' if len(logs) > 1 else ''}")
     sources = sources_of(logs)

@@ -23,7 +23,6 @@ from distal.cli.shared_options import (
     check_new,
     say,
     table,
-    to_file,
     warn,
     working,
 )
@@ -157,7 +156,7 @@ def draw_command(
     from distal.rig import load_rig
 
     plot_kind(out)
-    check_command_outputs(to_file(out), rig=rig)
+    check_command_outputs([out], rig=rig)
     description = load_rig(rig, set_)
     with working("drawing"):
         save_figure(draw_rig(description), out)
@@ -194,7 +193,7 @@ def _write(imported: Imported, out: Path, source: str) -> None:
 
 def check_new_rig(out: Path, *inputs: Path | None) -> None:
     """Raise an `OutputError` where a new rig file cannot be written beside what is read."""
-    check_command_outputs(to_file(out, "a rig file"), logs=filter(None, inputs))
+    check_command_outputs([out], "a rig file", logs=inputs)
     check_new(out)
 
 
@@ -225,10 +224,6 @@ def from_orca_command(
     _write(from_orca(config, calibration), out, "config")
 
 
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-"""Unit of length of a model → its size [m]."""
-
-
 @app.command("from-mjcf")
 def from_mjcf_command(
     model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
@@ -237,17 +232,15 @@ def from_mjcf_command(
         str | None, Option(help="Only joints of this body and what it carries.")
     ] = None,
     joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
-    length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
+    length_unit: Annotated[str, Option(help="Unit of length of the model, e.g. mm.")] = "m",
 ) -> None:
     """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
-    from distal.errors import RigError
     from distal.rig import from_mujoco
+    from distal.units import unit_factor
 
     check_new_rig(out, model)
-    if length_unit not in LENGTH_UNITS:
-        raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
-    _write(from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit]), out, "model")
+    _write(from_mujoco(model, chain, chosen, unit_factor(length_unit, "m")), out, "model")
 
 
 @app.command("to-mjcf")
@@ -274,7 +267,7 @@ def to_mjcf_command(
     paths = [out.with_stem(f"{out.stem}-{n + 1}") for n in range(draws)] or [out]
     drawn = draws_of(described) if draws else ()
     for n, path in enumerate(paths):
-        check_command_outputs(to_file(path), rig=rig, logs=filter(None, [into]))
+        check_command_outputs([path], rig=rig, logs=[into])
         values = built_values(described, drawn, scores(drawn, [n]))
         write_whole(path, to_mjcf(described.with_values(values), into))
         say(f"wrote {path}")
@@ -319,7 +312,6 @@ def export_command(
     """
     from distal.estimators import usual_estimator
     from distal.export import c_name, check_ours, export_c, export_files
-    from distal.logs import outputs_in
     from distal.rig import load_rig
     from distal.units import to_si
 
@@ -328,7 +320,7 @@ def export_command(
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
     files = export_files(name, command, arduino)
-    check_command_outputs(outputs_in(out, files, "--out"), rig=rig)
+    check_command_outputs([out / file for file in files], rig=rig, makes_folder=True)
     check_ours(out, files)
     with working("writing C"):
         exported = export_c(
@@ -367,7 +359,7 @@ def fmu_command(
     from distal.export import c_name, export_fmu
     from distal.rig import load_rig
 
-    check_command_outputs(to_file(out), rig=rig)
+    check_command_outputs([out], rig=rig)
     described = load_rig(rig, set_)
     estimator = estimator or usual_estimator(described)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
@@ -396,21 +388,13 @@ def fmu_command(
 
 _PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
 
-_EXTRAS = {
-    "pyarrow": "parquet",
-    "pandas": "pandas",
-    "polars": "polars",
-    "mcap": "mcap",
-    "rosbags": "ros",
-}
-"""Packages that are not needed, and the extra that installs each."""
-
 
 def doctor_command() -> None:
     """Say which versions are in use, and with which compiler and where kernels are built."""
     from importlib.metadata import PackageNotFoundError, version
 
     from distal.kernels import cache_folder, find_compiler
+    from distal.logs.formats.format import EXTRAS
 
     say(
         f"distal {__version__}, Python {platform.python_version()}, {platform.system()} "
@@ -424,7 +408,7 @@ def doctor_command() -> None:
             return f"{name} not installed{advice}"
 
     say(f"packages: {', '.join(map(installed, _PACKAGES))}")
-    extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in _EXTRAS.items())
+    extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in EXTRAS.items())
     say(f"extras: {', '.join(extras)}")
     found = find_compiler()
     compiler = found if isinstance(found, str) else f"{found.version} ({found.command[0]})"

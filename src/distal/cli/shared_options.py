@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from glob import escape, glob
 from pathlib import Path
 from threading import Timer, current_thread, main_thread
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from rich import box
 from rich.console import Console
@@ -167,10 +167,6 @@ def stoppable(minutes: float | None = None) -> Iterator[None]:
             signal.signal(signal.SIGTERM, before)
 
 
-if TYPE_CHECKING:
-    from distal.logs import Output
-
-
 ESTIMATOR_NAMES = ("adaptive", "ekf", "ekf-2008", "elastic", "inextensible", "regression")
 """Names of all estimators, the keys of `distal.ESTIMATORS`; they stand here, too, so that a shell
 completes them without importing the estimators.
@@ -311,32 +307,26 @@ BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
 """Endings of the files of a ROS bag."""
 
 
-def to_file(path: Path | None, kind: str = "", option: str = "--out") -> list[Output]:
-    """Return the file that an option asks for; none where the option was not given.
-
-    Args:
-        kind: kind of output, see `ENDINGS`.
-    """
-    from distal.logs import Output
-
-    return [] if path is None else [Output(path, option, kind=kind)]
-
-
 def check_command_outputs(
-    outputs: Sequence[Output],
+    outputs: Iterable[Path | None],
+    kind: str = "",
     *,
-    logs: Iterable[Path] = (),
+    logs: Iterable[Path | None] = (),
     rig: str | None = None,
     scenario: str | None = None,
     truth: str | None = None,
+    makes_folder: bool = False,
 ) -> None:
     """Raise where an output would replace an input or another output, or cannot be written.
 
     Args:
+        outputs: paths of what will be written; None is an option that was not given.
+        kind: what they are, see `ENDINGS`.
         logs: paths of the logs that are read.
         rig: name of a shipped rig, or a path.
         scenario: name of a shipped scenario, or a path.
         truth: name of a column, or a path.
+        makes_folder: whether the folder of the outputs is made where it does not exist.
 
     Raises:
         OutputError: see `distal.logs.check_outputs` and `distal.logs.check_format`; or a path does
@@ -345,21 +335,25 @@ def check_command_outputs(
     from distal import logs as files
     from distal.rig import description_path
 
-    inputs: list[tuple[str, str | Path]]
-    inputs = [("log", file) for log in logs for file in _files_of(log)]
+    inputs = [file for log in logs if log is not None for file in _files_of(log)]
     if rig is not None:
-        inputs.append(("rig", description_path(rig, "distal.rig")))
+        inputs.append(description_path(rig, "distal.rig"))
     if scenario is not None:
-        inputs.append(("scenario", description_path(scenario, "distal.simulation")))
+        inputs.append(description_path(scenario, "distal.simulation"))
     if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in files.TABLES):
-        inputs.append(("truth", truth))
-    files.check_outputs(outputs, inputs)
-    for output in outputs:
-        files.check_format(output.path)
-        endings = ENDINGS.get(output.kind)
-        if endings is not None and output.path.suffix.lower() not in endings:
-            allowed = " or ".join(filter(None, endings))
-            raise OutputError(f"{output.path}: {output.kind} ends in {allowed}")
+        inputs.append(Path(truth))
+    paths = [path for path in outputs if path is not None]
+    files.check_outputs(paths, inputs, makes_folder=makes_folder)
+    for path in paths:
+        files.check_format(path)
+        check_ending(path, kind)
+
+
+def check_ending(path: Path | None, kind: str) -> None:
+    """Raise an `OutputError` where a path does not end as its kind of output does."""
+    endings = ENDINGS.get(kind)
+    if path is not None and endings is not None and path.suffix.lower() not in endings:
+        raise OutputError(f"{path}: {kind} ends in {' or '.join(filter(None, endings))}")
 
 
 def _files_of(log: Path) -> Iterator[Path]:

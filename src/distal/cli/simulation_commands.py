@@ -20,6 +20,7 @@ from distal.cli.shared_options import (
     SeedOption,
     SetOption,
     check_command_outputs,
+    check_ending,
     check_folder,
     in_si,
     progress_bar,
@@ -28,7 +29,6 @@ from distal.cli.shared_options import (
     stoppable,
     studies,
     table,
-    to_file,
     warn,
     working,
 )
@@ -53,7 +53,7 @@ def control_command(
     """Control a rig in a scenario with a control table, and compare what each feedback costs."""
     from distal.control import closed_loop, plot_control, trackings_of
     from distal.errors import ControlError
-    from distal.logs import outputs_in, write_log
+    from distal.logs import write_log
     from distal.rig import effort_unit
     from distal.simulation import load_scenario, scenario_rig
 
@@ -65,9 +65,9 @@ def control_command(
     estimator = "adaptive" if usual in ("encoder", "ratio") else usual
     names = dict.fromkeys(feedback or ["encoder", estimator, "ratio"])
     picture = out / "control.png"
-    logs = [f"{name}.csv" for name in names]
+    logs = [out / f"{name}.csv" for name in names]
     check_command_outputs(
-        outputs_in(out, [picture.name, *logs], "--out"), rig=description.rig, scenario=scenario
+        [picture, *logs], rig=description.rig, scenario=scenario, makes_folder=True
     )
     runs = []
     with working("controlling") as show:
@@ -75,8 +75,8 @@ def control_command(
             show(f"controlling, fed back by {name}")
             runs.append(closed_loop(rig, description, seed, feedback=name))
     out.mkdir(parents=True, exist_ok=True)
-    for run, name in zip(runs, logs):
-        write_log(run.log, rig, out / name)
+    for run, path in zip(runs, logs):
+        write_log(run.log, rig, path)
     plot_control(runs, picture)
     rows = [
         (
@@ -92,7 +92,7 @@ def control_command(
     effort = f"effort [{effort_unit(rig.drives[0])}]"
     columns = ["feedback", "joint", "RMS [°]", effort, "told wrong by [°]"]
     table(f"{description.name or scenario}: true angle against reference", columns, rows, text=2)
-    say(f"wrote {picture} and {', '.join(logs)}")
+    say(f"wrote {', '.join(map(str, [picture, *logs]))}")
 
 
 def command_command(
@@ -123,19 +123,18 @@ def command_command(
 
     from distal.confidence import BAND, COVERED_TEXT
     from distal.inverse import Inverse
-    from distal.logs import read_angles, unit_of_angles
+    from distal.logs import read_angles
     from distal.rig import angle_names, load_rig
 
-    check_command_outputs(to_file(out, "a table"), logs=[desired], rig=rig)
+    check_command_outputs([out], "a table", logs=[desired], rig=rig)
     inverse = Inverse(load_rig(rig, set_), least_tension=in_si(least_tension, "N"))
     joints = inverse.rig.joint_names
     named = dict(zip(joints, angle_names(joints)))
     columns = [named[joint] for joint in inverse.joints]
-    time, angles = read_angles(desired, columns)
+    time, angles, unit = read_angles(desired, columns)
     with working("finding the commands"):
         commands = inverse(time, np.column_stack([angles[name] for name in columns]))
-    # in the unit of the desired angles
-    commands.write(out, unit_of_angles(desired, columns))
+    commands.write(out, unit)
     errors = commands.angles - commands.desired
     for joint, *squares in zip(joints, errors.T**2, commands.stds.T**2):
         away, std = (degrees(np.sqrt(np.mean(square))) for square in squares)
@@ -185,7 +184,7 @@ def simulate_command(
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
     from distal.control import simulate
     from distal.errors import ScenarioError
-    from distal.logs import Output, outputs_in, write_log, write_whole
+    from distal.logs import write_log, write_whole
     from distal.results import make_folder
     from distal.rig import named, parse_assignment
     from distal.simulation import load_scenario, rig_beside, scenario_rig, text_beside
@@ -196,22 +195,23 @@ def simulate_command(
     rig = scenario_rig(description, set_)
     values = description.set | dict(parse_assignment(text, ScenarioError) for text in set_)
     names = {seed: out}
-    outputs = to_file(out, "a table")
-    folder = None
     if runs is not None:
         check_folder(out, "with --runs")
-        folder = out
         digits = len(str(seed + runs - 1))
         names = {n: out / f"run_{n:0{digits}d}.csv" for n in range(seed, seed + runs)}
-        outputs = outputs_in(out, [path.name for path in names.values()], "--out")
     # no file can lie beside a pipe or a device
     is_regular = not out.exists() or out.is_file() or out.is_dir()
     beside = rig_beside(out, runs is not None)
-    if is_regular:
-        outputs.append(Output(beside, "--out", folder))
-    check_command_outputs(outputs, rig=description.rig, scenario=scenario)
-    if folder is not None:
-        make_folder(folder)
+    check_command_outputs(
+        [*names.values(), beside if is_regular else None],
+        rig=description.rig,
+        scenario=scenario,
+        makes_folder=runs is not None,
+    )
+    if runs is None:
+        check_ending(out, "a table")
+    else:
+        make_folder(out)
     with progress_bar("simulating", len(names)) as advance:
         for done, (number, path) in enumerate(names.items(), 1):
             log = simulate(rig, description, number)

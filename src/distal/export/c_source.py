@@ -30,7 +30,7 @@ from distal.inverse.feedforward import ROUNDS
 from distal.inverse.goal_gate import MotorReadings, columns_of, crossed_joints
 from distal.inverse.live_inverse import LiveModel, live_parameters
 from distal.kernels.layout import MISSING, READ, Layout
-from distal.logs import LARGEST_READING, check_outputs, outputs_in, shown, write_together
+from distal.logs import LARGEST_READING, check_outputs, shown, write_together
 from distal.logs.output_files import as_output_error
 from distal.rig import Rig, Sensor, angle_names, check_scales, std_name
 from distal.run.health import HEALTH, LIMITS, Health, Watch
@@ -897,7 +897,7 @@ def export_c(
         values = {"name": exported.name, "short": exported.name[:63], "rig": comment(rig.name)}
         files[PROPERTIES] = filled(_PROPERTIES, values)
     files["README.md"] = readme(exported)
-    check_outputs(outputs_in(folder, files, "the export"))
+    check_outputs([folder / file for file in files], makes_folder=True)
     check_ours(folder, files)
     with as_output_error(folder):
         for file in files:

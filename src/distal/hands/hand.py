@@ -21,7 +21,7 @@ from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.power_on_routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
-from distal.logs import Output, check_outputs, write_log
+from distal.logs import check_outputs, write_log
 from distal.rig import Rig, as_rig, log_factor
 from distal.rig.plausibility import KNOWN
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
@@ -517,7 +517,7 @@ class Hand:
                 writing fails afterwards, the notes of what is returned say so.
         """
         if record is not None:
-            check_outputs([Output(Path(record), "the record")])
+            check_outputs([Path(record)])
         routine = Routine(self._rig, options)
         shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it

@@ -12,7 +12,7 @@ was left out said in warnings. Every reading passes one conversion, v = sign (ra
     print(len(log), list(log.channels))
 """
 
-from distal.logs.formats import TABLES, check_format, file_of
+from distal.logs.formats.registry import TABLES, check_format, file_of
 from distal.logs.log import (
     FROM_SENSOR,
     LARGEST_READING,
@@ -32,15 +32,12 @@ from distal.logs.log_files import (
     read_angles,
     read_log,
     read_truth,
-    unit_of_angles,
     write_columns,
     write_log,
 )
 from distal.logs.messages import MessageReader
 from distal.logs.output_files import (
-    Output,
     check_outputs,
-    outputs_in,
     shown,
     write_together,
     write_whole,
@@ -65,7 +62,6 @@ __all__ = [
     "Limits",
     "Log",
     "MessageReader",
-    "Output",
     "RawToSI",
     "Remark",
     "Source",
@@ -84,7 +80,6 @@ __all__ = [
     "jumps_away",
     "name_and_unit",
     "open_table",
-    "outputs_in",
     "read_angles",
     "read_log",
     "read_table",
@@ -95,7 +90,6 @@ __all__ = [
     "sources_of",
     "true_angles",
     "true_torques",
-    "unit_of_angles",
     "write_columns",
     "write_log",
     "write_together",

@@ -82,11 +82,6 @@ FROM_SENSOR = TruthSource(TruthKind.SENSOR)
 """The source of a truth that the rig's own reference sensor reads."""
 
 
-def truth_source_of(source: TruthSource | str) -> TruthSource:
-    """Return the source of a truth; a text becomes one that is no sensor."""
-    return TruthSource(position=source) if isinstance(source, str) else source
-
-
 @dataclass(frozen=True)
 class Log:
     """Sensor readings over time, in SI, with the truth where it is known.
@@ -97,7 +92,7 @@ class Log:
         truth: name → true values, (n,) each: joint angles [rad] and, from a simulation, its other
             quantities.
         source: what the log is called in messages.
-        truth_source: where the truth comes from; a text means that no sensor of the rig reads it.
+        truth_source: where the truth comes from.
         stamps: original stamps since 1970 [ns], (n,), of a log that has dates; `time` then counts
             from the log's start.
         goals: drive → position to which it was sent [m, rad], (n,) each, as its position sensor
@@ -118,22 +113,19 @@ class Log:
     def __post_init__(self) -> None:
         """Freeze the arrays and check the stamps."""
         object.__setattr__(self, "time", frozen(self.time))
-        object.__setattr__(self, "truth_source", truth_source_of(self.truth_source))
         for name in ("channels", "truth", "goals"):
             columns = {key: frozen(values) for key, values in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(columns))
         if self.time.ndim != 1:
             raise LogError(f"{self.source}: time must be one column, shape {self.time.shape} came")
         check_stamps(self.time, self.source)
+        every: dict[str, NDArray[np.generic]] = {**self.channels, **self.truth, **self.goals}
         if self.stamps is not None:
             stamps = np.array(self.stamps, dtype=np.int64)
             stamps.flags.writeable = False
             object.__setattr__(self, "stamps", stamps)
-            if stamps.shape != self.time.shape:
-                raise LogError(
-                    f"{self.source}: stamps have shape {stamps.shape}, time has {self.time.shape}"
-                )
-        for key, values in {**self.channels, **self.truth, **self.goals}.items():
+            every["stamps"] = stamps
+        for key, values in every.items():
             if values.shape != self.time.shape:
                 raise LogError(
                     f"{self.source}: '{key}' has shape {values.shape}, time has {self.time.shape}"
@@ -144,11 +136,9 @@ class Log:
 
     def __repr__(self) -> str:
         """Return the log's name, length, rate and columns in a few words."""
-        span = (
-            f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz"
-            if len(self) > 1
-            else ""
-        )
+        span = ""
+        if len(self) > 1:
+            span = f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz"
         truth = f"; truth: {', '.join(self.truth)}" if self.truth else ""
         return f"Log {self.source}: {len(self)} samples{span}; {', '.join(self.channels)}{truth}"
 
@@ -164,14 +154,12 @@ class Log:
         """
         return float(1.0 / np.median(np.diff(self.time))) if len(self) > 1 else float("nan")
 
-    def gaps(self, factor: float = 1.5) -> list[tuple[float, float]]:
-        """Return start and end [s] of the intervals longer than `factor` times the median
-        interval.
+    def gaps(self) -> list[tuple[float, float]]:
+        """Return start and end [s] of the intervals that are longer than one and a half
+        usual ones.
         """
         steps = np.diff(self.time)
-        if len(steps) == 0:
-            return []
-        long = np.flatnonzero(steps > factor * np.median(steps))
+        long = np.flatnonzero(steps > ONE_STEP / self.rate)
         return [(float(self.time[i]), float(self.time[i + 1])) for i in long]
 
     def select(self, rows: slice | NDArray[np.intp] | Bools) -> Log:

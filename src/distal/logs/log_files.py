@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import LogError, did_you_mean
-from distal.logs.formats import TABLES, file_of
+from distal.logs.formats.registry import TABLES, file_of
 from distal.logs.log import (
     NO_SOURCE,
     WRONG_UNIT,
@@ -30,7 +30,7 @@ from distal.logs.output_files import write_whole
 from distal.logs.raw_to_si import TURN, RawToSI, says_nothing
 from distal.logs.stamps import Clock, clock_of, dated, in_order, is_time, spread
 from distal.logs.table_cells import Cells, factor_of, say, scale, time_factor
-from distal.logs.tables import Source, Stamped, open_table, together
+from distal.logs.tables import Source, open_table, together
 from distal.rig import (
     REFERENCES,
     Rig,
@@ -72,53 +72,56 @@ def read_log(
             truth does not overlap the log.
     """
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
-    desired = [sensor.log_column for sensor in needed]
     joints = rig.joint_names
     goals = _goals_of(rig)
     given = [] if truth is None else [str(truth)]
+    desired = [sensor.log_column for sensor in needed]
     optional = [
         *(sensor.log_column for sensor in rig.sensors if sensor.measures in REFERENCES),
         *(column for column, _ in goals.values()),
         *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
         *given,
     ]
-    time_column = rig.log.time.column
-    time_rate = rig.log.time.rate
-    timed = [time_column] if time_rate is None else []
-    asked = [*timed, *desired, *optional]
-    cells = open_table(path, asked, time_column, unit_factor(rig.log.time.unit, "s"))
+    timing = rig.log.time
+    timed = [timing.column] if timing.rate is None else []
+    cells = open_table(
+        path, [*timed, *desired, *optional], timing.column, unit_factor(timing.unit, "s")
+    )
     column = next((name for name in given if _is_column(cells.names, name)), None)
-    if time_rate is not None:
-        clock = Clock(np.arange(cells.rows) / time_rate)
+    if timing.rate is not None:
+        clock = Clock(np.arange(cells.rows) / timing.rate)
     else:
-        if time_column not in cells.names:
-            raise _without_time(open_table(path), time_column, rig)
-        cells.check([time_column])
-        factor = time_factor(rig, cells.units, cells.source)
-        clock = clock_of(cells, time_column, factor)
+        if timing.column not in cells.names:
+            raise _without_time(open_table(path), timing.column, rig)
+        cells.check([timing.column])
+        clock = clock_of(cells, timing.column, time_factor(rig, cells.units, cells.source))
     there = [name for name in optional if name in cells.names]
-    table = cells.parsed([*desired, *there])
-    table, clock = _in_order(rig, *_with_whole_rows(table, clock))
+    table, clock = _with_whole_rows(cells.parsed([*desired, *there]), clock)
+    table, clock = _in_order(rig, table, clock)
     time = clock.time
     source = table.source
     if len(time) < 2:
         raise LogError(f"{source}: has one row; an estimate over time needs at least two")
     check_unit(time, rig, source)
     readings = _readings(rig, table, time, column, ranged)
-    channels = {sensor.name: readings[sensor.name] for sensor in needed}
     angles, origin = _known_angles(rig, table, readings, column, truth, clock)
     if not _has_values(angles, f"{source}: the truth ({origin})"):
         if angles and truth is not None:
             raise LogError(f"{source}: the truth ({origin}) has no value at all")
         angles = {}
         origin = NO_SOURCE  # the reference sensor was never connected
-    known = angles | _known_torques(rig, table, readings)
+    # a simulated log's own true torque comes before a torque sensor's reading
+    names = torque_names(joints)
+    torques = _of_references(rig, rig.sensors_of("torque"), names, readings)
+    torques |= _simulated(names, "N m", table)
+    known = {name: values for name, values in torques.items() if np.isfinite(values).any()}
+    channels = {sensor.name: readings[sensor.name] for sensor in needed}
     setpoints = {
-        name: table.values(column) * factor_of(sensor, table.units, source)
-        for name, (column, sensor) in goals.items()
-        if column in table.columns
+        name: table.values(goal) * factor_of(sensor, table.units, source)
+        for name, (goal, sensor) in goals.items()
+        if goal in table.columns
     }
-    return Log(time, channels, known, source, origin, clock.stamps, setpoints)
+    return Log(time, channels, angles | known, source, origin, clock.stamps, setpoints)
 
 
 def _has_values(angles: Mapping[str, Floats], subject: str) -> bool:
@@ -166,19 +169,15 @@ def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
     held = {name: values for name, values in read.items() if np.isfinite(values).any()}
     if len(held) < 2 or np.isfinite([*held.values()]).all(axis=0).any():
         return table, clock
-    since = np.round(clock.time * 1e9) if clock.stamps is None else clock.stamps
-    stamped = dict[str, Stamped]()
-    for name, values in held.items():
-        at = np.isfinite(values) & np.isfinite(clock.time)
-        stamped[name] = since[at].astype(np.int64), values[at]
-    stamps, columns = together(stamped)
-    if not np.isfinite([*columns.values()]).all(axis=0).any():
-        return table, clock
+    dates = clock.stamps
+    since = np.round(clock.time * 1e9) if dates is None else dates
+    at = {name: np.isfinite(values) & np.isfinite(clock.time) for name, values in held.items()}
+    stamps, columns = together(
+        {name: (since[at[name]].astype(np.int64), held[name][at[name]]) for name in held}
+    )
     none = np.full(len(stamps), np.nan)
     joined = replace(table, columns={name: columns.get(name, none) for name in table.columns})
-    if clock.stamps is not None:
-        return joined, dated(stamps)
-    return joined, Clock(stamps.astype(np.float64) * 1e-9)
+    return joined, Clock(stamps.astype(np.float64) * 1e-9) if dates is None else dated(stamps)
 
 
 def _in_order(rig: Rig, table: Cells, clock: Clock) -> tuple[Cells, Clock]:
@@ -200,13 +199,13 @@ def _in_order(rig: Rig, table: Cells, clock: Clock) -> tuple[Cells, Clock]:
         elif repeated != "refused":
             at = len(same) if repeated == "last" else 0
             rows = rows[~np.insert(same, at, False)]
-    if not np.array_equal(rows, np.arange(len(time))):
+    check_stamps(time[rows], table.source, rows + table.first_row)
+    if len(rows) < len(time) or (rows != np.arange(len(time))).any():
         table = replace(table, columns={name: table.values(name)[rows] for name in table.columns})
         time = time[rows]
         if stamps is not None:
             stamps = stamps[rows]
             time = time - time[0]
-    check_stamps(time, table.source, rows + table.first_row)
     return table, Clock(time, stamps)
 
 
@@ -235,17 +234,6 @@ def _check_repeated(rig: Rig, time: Floats, source: str) -> None:
     )
 
 
-def _known_torques(rig: Rig, table: Cells, readings: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return name → external torque [N m], of the joints whose torque a log has.
-
-    A simulated log's own true torque comes before a torque sensor's reading.
-    """
-    names = torque_names(rig.joint_names)
-    sensors = [sensor for sensor in rig.sensors_of("torque") if sensor.name in readings]
-    known = _of_references(rig, sensors, names, readings) | _simulated(names, "N m", table)
-    return {name: values for name, values in known.items() if np.isfinite(values).any()}
-
-
 def _known_angles(
     rig: Rig,
     table: Cells,
@@ -259,29 +247,30 @@ def _known_angles(
     """
     joints = rig.joint_names
     names = angle_names(joints)
-    sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.name in readings]
-    if column is not None:
-        sensors = [sensor for sensor in sensors if sensor.log_column == column]
-        if not sensors:
-            if len(joints) > 1:
-                raise LogError(
-                    f"truth '{column}' is one column, but the rig has the joints "
-                    f"{', '.join(joints)}; give a file with t, {', '.join(names)}, or an angle "
-                    "sensor for each joint in the rig file"
-                )
-            source = TruthSource(position=f"column '{column}'")
-            return {names[0]: table.in_si(column, "rad")}, source
-    elif truth is not None:
-        start = None if clock.stamps is None else int(clock.stamps[0])
-        angles = read_truth(truth, clock.time, joints, start)
-        return angles, TruthSource(position=str(truth))
-    else:
+    sensors = [
+        sensor
+        for sensor in rig.sensors_of("angle")
+        if sensor.name in readings and column in (None, sensor.log_column)
+    ]
+    if column is not None and not sensors:
+        if len(joints) > 1:
+            raise LogError(
+                f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; "
+                f"give a file with t, {', '.join(names)}, or an angle sensor for each joint in the "
+                "rig file"
+            )
+        return {names[0]: table.in_si(column, "rad")}, TruthSource(position=f"column '{column}'")
+    if column is None:
+        if truth is not None:
+            start = None if clock.stamps is None else int(clock.stamps[0])
+            angles = read_truth(truth, clock.time, joints, start)
+            return angles, TruthSource(position=str(truth))
         angles = _simulated(names, "rad", table)
         if angles:
             listed = ", ".join(f"'true_{name}'" for name in angles)
             return angles, TruthSource(position=f"column {listed}")
-    angles = _of_references(rig, sensors, names, readings)
     listed = ", ".join(f"'{sensor.log_column}'{_late(sensor)}" for sensor in sensors)
+    angles = _of_references(rig, sensors, names, readings)
     return angles, TruthSource(TruthKind.SENSOR, f"column {listed}") if sensors else NO_SOURCE
 
 
@@ -294,7 +283,9 @@ def _of_references(
 ) -> dict[str, Floats]:
     """Return name → what reference sensors read in SI; `names` has one name for each joint."""
     name_of = dict(zip(rig.joint_names, names))
-    return {name_of[sensor.of]: readings[sensor.name] for sensor in sensors}
+    return {
+        name_of[sensor.of]: readings[sensor.name] for sensor in sensors if sensor.name in readings
+    }
 
 
 def _readings(
@@ -324,38 +315,34 @@ def _readings(
     to_si = RawToSI(rig, [*factors], factors.values(), ranged=ranged)
     logged = [table.values(sensor.log_column) for sensor in factors]
     readings, lines = to_si.through(time, logged)
-    moving = set[str]()
-    for sensor in factors:
-        values = readings[sensor.name]
-        if sensor.measures == "position" and len(np.unique(values[np.isfinite(values)])) > 1:
-            moving.add(sensor.of)
-    for sensor in factors:
-        if measurand_of(sensor).role is Role.EFFORT and sensor.of in moving:
-            why = says_nothing(readings[sensor.name])
-            if why is not None:
-                readings[sensor.name] = np.full(len(time), np.nan)
-                lines.append(f"{sensor.log_column} {why}: left out")
-    for line in lines:
-        say(f"{table.source}: {line}")
+    moving = {
+        sensor.of
+        for sensor in factors
+        if sensor.measures == "position" and np.isfinite(np.unique(readings[sensor.name])).sum() > 1
+    }
     stops = {joint.name: joint.stops for joint in rig.joints}
     for sensor in factors:
+        values = readings[sensor.name]
+        why = None
+        if measurand_of(sensor).role is Role.EFFORT and sensor.of in moving:
+            why = says_nothing(values)
+        if why is not None:
+            readings[sensor.name] = np.full(len(time), np.nan)
+            lines.append(f"{sensor.log_column} {why}: left out")
         if sensor.measures in REFERENCES:
-            values = _of_reference(sensor, time, readings[sensor.name], table.source)
+            away = jumps_away(values)
+            if away.any():
+                lines.append(f"{sensor.log_column} {said_of_jumps(values, away)}")
+            own = np.where(held_samples(values) | away, np.nan, values)
+            values = earlier(time, own, sensor.delay)
             ends = stops[sensor.of] if sensor.measures == "angle" else None
             if ends is not None and np.isfinite(values).any():
-                away = float(np.nanmedian(values)) - (ends[0] + ends[1]) / 2
-                values = values - TURN * round(away / TURN)
+                off = float(np.nanmedian(values)) - (ends[0] + ends[1]) / 2
+                values = values - TURN * round(off / TURN)
             readings[sensor.name] = values
+    for line in lines:
+        say(f"{table.source}: {line}")
     return readings
-
-
-def _of_reference(sensor: Sensor, time: Floats, values: Floats, source: str) -> Floats:
-    """Return what a reference read at its own times, NaN where it has no sample of its own."""
-    away = jumps_away(values)
-    if away.any():
-        line = f"{source}: {sensor.log_column} {said_of_jumps(values, away)}"
-        say(line)
-    return earlier(time, np.where(held_samples(values) | away, np.nan, values), sensor.delay)
 
 
 def _simulated(names: Sequence[str], si: str, table: Cells) -> dict[str, Floats]:
@@ -392,7 +379,7 @@ def read_truth(
     Raises:
         LogError: the file cannot be read, or does not overlap the log.
     """
-    stamps, known = read_angles(path, angle_names(joints), start)
+    stamps, known, _ = read_angles(path, angle_names(joints), start)
     angles = dict[str, Floats]()
     for name, theta in known.items():
         finite = np.isfinite(theta)
@@ -408,9 +395,9 @@ def read_truth(
 
 def read_angles(
     path: str | Path, names: Sequence[str], start: int | None = None
-) -> tuple[Floats, dict[str, Floats]]:
-    """Return a file's stamps [s], from its column ``t``, and name → angle [rad] for the columns
-    `names`.
+) -> tuple[Floats, dict[str, Floats], str]:
+    """Return a file's stamps [s], from its column ``t``, name → angle [rad] for the columns
+    `names`, and "deg" where one of their headers gives degrees, else "rad".
 
     Args:
         start: when the log begins, since 1970 [ns], or None; see `read_truth`.
@@ -420,20 +407,15 @@ def read_angles(
     """
     cells = open_table(path, ["t", *names])
     cells.check(["t"])
-    unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
-    clock = clock_of(cells, "t", unit)
+    clock = clock_of(cells, "t", scale(cells.units, "t", "s", cells.source))
     stamps = clock.time
     if start is not None and clock.stamps is not None:
         stamps = (clock.stamps - start).astype(np.float64) * 1e-9
     table = cells.parsed(names)
     check_stamps(stamps, table.source, table.first_row + np.arange(len(stamps)))
-    return stamps, {name: table.in_si(name, "rad") for name in names}
-
-
-def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
-    """Return "deg" where a header of the columns `names` in a file gives degrees, else "rad"."""
-    units = {open_table(path, ["t", *names]).units.get(name) for name in names}
-    return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
+    in_degrees = not {"deg", "°", "degrees", "degree"}.isdisjoint(table.units.values())
+    angles = {name: table.in_si(name, "rad") for name in names}
+    return stamps, angles, "deg" if in_degrees else "rad"
 
 
 def _goals_of(rig: Rig) -> dict[str, tuple[str, Sensor]]:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 
 from distal.errors import LogError, UnitError
-from distal.logs.output_files import shown
 from distal.units import to_si
 
 MOST_MEMORY = "2 GB"
@@ -42,22 +40,23 @@ def memory_limit() -> int:
         raise LogError(f"{MEMORY_VARIABLE}: {problem}") from None
 
 
-def check_rows(path: Path, rows: int, columns: int) -> None:
+def check_rows(rows: int, columns: int) -> None:
     """Raise a `LogError` where a table takes more memory than is allowed."""
-    size = COPIES * rows * columns * np.dtype(np.float64).itemsize
-    check_memory(path, size, f"has {rows:,} rows of {columns} columns or more")
+    size = rows * columns * np.dtype(np.float64).itemsize
+    check_memory(size, f"has {rows:,} rows of {columns} columns or more")
 
 
-def check_memory(path: Path, needed: float, why: str) -> None:
+def check_memory(size: float, why: str) -> None:
     """Raise a `LogError` where reading a log needs more memory than is allowed.
 
     Args:
-        needed: memory that reading takes [bytes].
+        size: of what is read [bytes].
         why: first words of the message, which say what takes this memory.
     """
+    needed = COPIES * size
     if needed > memory_limit():
         raise LogError(
-            f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; "
+            f"{why}, about {needed / 1e9:.1f} GB in memory; "
             f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more "
             f"with {MEMORY_VARIABLE}=16GB distal …"
         )

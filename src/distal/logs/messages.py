@@ -21,10 +21,8 @@ from distal.rig import Rig
 INDEX = re.compile("[0-9]{1,9}")
 """An index of an array in a path."""
 
-STAMPS = ("timestamp", "ts", "time", "t")
-"""Names under which a JSON message may have its stamp [s] where it lacks the rig's own time
-column.
-"""
+TIMES = ("timestamp", "stamp", "ts", "time", "t")
+"""Names of the time [s] of a table or a JSON message which lacks the rig's own time column."""
 
 
 class MessageReader:
@@ -131,15 +129,25 @@ class MessageReader:
             raise LogError(f"no JSON ({str(problem)[:80]})") from None
         if not isinstance(message, dict):
             raise LogError("a JSON object is expected, with a member for each column")
-        stamps = ((name, find(message, name)) for name in (self._time, *STAMPS))
-        name, stamp = next((at for at in stamps if at[1] is not None), (self._time, None))
-        # a stamp under another name than the rig's is in seconds
-        factor = self._time_factor if name == self._time else 1.0
-        time = number_of(stamp, name) * factor
+        time = stamp_of(message, self._time, self._time_factor)
         if isnan(time):
-            names = ", ".join(name for name in STAMPS if name != self._time)
+            names = ", ".join(name for name in TIMES if name != self._time)
             raise LogError(f"no stamp: neither '{self._time}' nor {names} is there with a value")
         return time, self._in_si(time, (find(message, column) for column in self._columns))
+
+
+def stamp_of(message: object, time: str, unit: float) -> float:
+    """Return the stamp of a JSON message [s], NaN where it has none.
+
+    Args:
+        time: name of the rig's time column.
+        unit: its unit [s]; a stamp under another name is in seconds.
+    """
+    for name in (time, *TIMES):
+        cell = find(message, name)
+        if cell is not None:
+            return number_of(cell, name) * (unit if name == time else 1.0)
+    return nan
 
 
 def find(message: object, path: str) -> object:

@@ -9,63 +9,39 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from distal.errors import Content, OutputError
 
 
-@dataclass(frozen=True)
-class Output:
-    """A file that will be written.
-
-    Args:
-        by: option that asks for it, such as ``--out``.
-        folder: folder that is made for it where it does not exist yet; None where none is made.
-        kind: what it is, for who checks its ending; empty for any.
-    """
-
-    path: Path
-    by: str
-    folder: Path | None = None
-    kind: str = ""
-
-
-def outputs_in(folder: str | Path, names: Iterable[str], by: str) -> list[Output]:
-    """Return the outputs of the given names in a folder, which is made where it does not exist yet.
-
-    Args:
-        by: option that asks for them, such as ``--out``.
-    """
-    return [Output(Path(folder) / name, by, Path(folder)) for name in names]
-
-
-def check_outputs(outputs: Iterable[Output], inputs: Iterable[tuple[str, str | Path]] = ()) -> None:
+def check_outputs(
+    outputs: Iterable[Path], inputs: Iterable[str | Path] = (), *, makes_folder: bool = False
+) -> None:
     """Raise where an output would replace an input or another output, or cannot be written.
 
     Nothing is made or changed. Files are compared by what they are, not by their names: hard and
     symbolic links are followed.
 
     Args:
-        inputs: label, e.g. ``--rig``, and path of what is read.
+        outputs: paths of what will be written.
+        inputs: paths of what is read.
+        makes_folder: whether their folder is made where it does not exist yet.
 
     Raises:
         OutputError: an output is an input, or two are the same file; it is a folder; its folder is
             missing, no folder, or read-only.
     """
     taken = {
-        _identity(
-            Path(path)
-        ): f"is an input of this command ({label} {shown(path)}); give another name"
-        for label, path in inputs
+        _identity(Path(path)): f"is an input of this command ({shown(path)}); give another name"
+        for path in inputs
     }
-    for output in outputs:
-        with as_output_error(output.path):
-            identity = _identity(output.path)
+    for path in outputs:
+        with as_output_error(path):
+            identity = _identity(path)
             if identity in taken:
-                raise OutputError(f"{shown(output.path)}: {taken[identity]}")
-            _check_position(output.path, output.folder)
-        taken[identity] = f"is asked for twice, first by {output.by}; give two names"
+                raise OutputError(f"{shown(path)}: {taken[identity]}")
+            _check_position(path, makes_folder)
+        taken[identity] = "is asked for twice; give two names"
 
 
 def _identity(path: Path) -> tuple[int, int] | Path:
@@ -87,14 +63,14 @@ def shown(path: str | Path) -> str:
     return text if len(text) <= 200 else f"{text[:60]}…{text[-20:]}"
 
 
-def _check_position(path: Path, folder: Path | None = None) -> None:
-    """Raise where no file can stand at a path; the `folder` is made where it does not exist."""
+def _check_position(path: Path, makes_folder: bool = False) -> None:
+    """Raise where no file can stand at a path, see `check_outputs`."""
     if path.is_dir():
         raise OutputError(f"{shown(path)}: is a folder; give the name of a file")
     if _is_device(path):
         return
     above = path.resolve().parent
-    if folder is not None:
+    if makes_folder:
         above = next(folder for folder in (above, *above.parents) if folder.exists())
     if not above.exists():
         raise OutputError(

@@ -7,7 +7,6 @@ same conversion, sample by sample, so that a log gives what its stream gave.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, exp, floor, inf, isfinite, log, log1p, nan, pi, remainder, sqrt
@@ -458,8 +457,7 @@ class RawToSI:
             logged: numbers of each sensor, NaN where missing, (k,) each.
         """
         samples = np.empty((len(logged), len(time)))
-        counts = Counter[tuple[Kind, str]]()
-        firsts = dict[tuple[Kind, str], tuple[Remark, float]]()
+        said = dict[tuple[Kind, str], list[tuple[Remark, float]]]()
         # what registers mean holds from the first sample on
         for channel, values in zip(self._channels, logged):
             channel.register = _Register.learned(values, channel.turn) or channel.register
@@ -469,15 +467,13 @@ class RawToSI:
             for remark in self.remarks:
                 # where a log begins it is taken as it is
                 if remark.kind != "unknown turn":
-                    deed = remark.kind, remark.sensor
-                    counts[deed] += 1
-                    firsts.setdefault(deed, (remark, stamp))
+                    said.setdefault((remark.kind, remark.sensor), []).append((remark, stamp))
         sensors = [channel.sensor for channel in self._channels]
         column_of = {sensor.name: sensor.log_column for sensor in sensors}
         lines = [
-            f"{replace(remark, sensor=column_of.get(remark.sensor, '')).text} ({counts[deed]} "
-            f"readings, the first at {first:g} s)"
-            for deed, (remark, first) in firsts.items()
+            f"{replace(remarks[0][0], sensor=column_of.get(sensor, '')).text} ({len(remarks)} "
+            f"readings, the first at {remarks[0][1]:g} s)"
+            for (_, sensor), remarks in said.items()
         ]
         return {sensor.name: sealed(values) for sensor, values in zip(sensors, samples)}, lines
 

@@ -118,16 +118,13 @@ def _counted(values: NDArray[Any], unit: float, name: str, path: Path) -> Clock:
         unit = fits[0]
     far = np.abs(values.astype(np.float64)) * unit >= LATEST_DATE
     first = values[~far & np.isfinite(values)][0]
-    values = np.where(far, first, values)
-    if values.dtype == np.int64:
-        clock = dated(values * np.int64(round(unit * 1e9)))
-    else:
-        # differences of floats are exact where the stamps themselves are near each other
-        time = (values - first) * unit
-        start = np.int64(round(float(first) * unit * 1e9))
-        is_whole = np.isfinite(values).all()
-        clock = Clock(time, start + np.round(time * 1e9).astype(np.int64) if is_whole else None)
-    return Clock(np.where(far, np.inf, clock.time), clock.stamps)
+    # differences of floats are exact where the stamps themselves are near each other
+    since = np.where(far, 0, values - first)
+    dates = None
+    if np.isfinite(since).all():
+        size = round(unit * 1e9)
+        dates = round(first * size) + np.round(since * size).astype(np.int64)
+    return Clock(np.where(far, np.inf, since * unit), dates)
 
 
 def dated(stamps: Stamps) -> Clock:

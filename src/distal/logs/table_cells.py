@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -71,10 +72,18 @@ def _is_called(text: str, name: str) -> bool:
     """Return whether the words of a header, without its unit, end with those of a name, in any case
     and with any signs between.
     """
-    words, last = (
-        [word.lower() for word in WORDS.findall(part)] for part in (name_and_unit(text)[0], name)
-    )
+    words = _words(name_and_unit(text)[0])
+    last = _words(name)
     return bool(last) and words[-len(last) :] == last
+
+
+@lru_cache
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in WORDS.findall(name)]
+
+
+STATE = "observation.state."
+"""What stands before the name of a motor in the columns of a dataset's readings."""
 
 
 def headers_of(headers: Sequence[str], desired: Collection[str], source: str) -> dict[str, str]:
@@ -99,8 +108,10 @@ def headers_of(headers: Sequence[str], desired: Collection[str], source: str) ->
                 "remove one"
             )
         alike = by_unit or [t for t in headers if t not in desired and _is_called(t, name)]
-        if len(alike) == 1:
-            name_of[alike[0]] = name
+        # what a dataset measured comes before what it commanded
+        measured = [text for text in alike if text.startswith(STATE)] or alike
+        if len(measured) == 1:
+            name_of[measured[0]] = name
     return name_of
 
 
@@ -142,27 +153,25 @@ def time_factor(rig: Rig, units: Mapping[str, str], source: str) -> float:
     Raises:
         LogError: the header's unit is no unit of time.
     """
-    name = rig.log.time.column
-    unit = units.get(name, rig.log.time.unit)
-    return scale(unit, "s", f"{source}: column '{header(name, unit)}'")
+    time = rig.log.time
+    return scale({time.column: time.unit, **units}, time.column, "s", source)
 
 
-def scale(unit: str | None, si: str, position: str) -> float:
-    """Return the factor from a header's unit to the SI unit `si`; it is 1 where the header has no
-    unit.
+def scale(units: Mapping[str, str], name: str, si: str, source: str) -> float:
+    """Return the factor from a column's unit to the SI unit `si`; it is 1 where it has no unit.
 
     Args:
-        position: the column, as messages call it.
+        units: name → unit, of the columns that have one.
+        source: what the log is called in messages.
 
     Raises:
         LogError: the unit has another dimension, or is none.
     """
-    if unit is None:
-        return 1.0
+    unit = units.get(name, si)
     try:
         return unit_factor(unit, si)
     except UnitError as problem:
-        raise LogError(f"{position}: {problem}") from None
+        raise LogError(f"{source}: column '{header(name, unit)}': {problem}") from None
 
 
 INFO = Path("meta") / "info.json"
@@ -339,10 +348,7 @@ class Cells:
         Args:
             si: SI unit of the quantity.
         """
-        unit = self.units.get(name)
-        return self.values(name) * scale(
-            unit, si, f"{self.path}: column '{header(name, unit or '')}'"
-        )
+        return self.values(name) * scale(self.units, name, si, self.source)
 
     def parsed(self, names: Sequence[str]) -> Cells:
         """Return the table of some columns, as numbers.

@@ -11,20 +11,20 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from functools import lru_cache
+from math import isnan, nan
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError, did_you_mean
-from distal.logs.formats import Message, UndecodableError, check_is_content, format_of
-from distal.logs.formats.parquet import read_parquet
-from distal.logs.messages import STAMPS, number_of
-from distal.logs.output_files import shown
+from distal.logs.formats.format import Message, UndecodableError
+from distal.logs.formats.registry import check_is_content, format_of
+from distal.logs.messages import TIMES, number_of, stamp_of
 from distal.logs.stamps import (
     LATEST_DATE,
     longest_part,
@@ -62,24 +62,18 @@ points. Source: judgement.
 NO_TIME = round(LATEST_DATE * 1e9)
 """Stamp in place of one that is no time [ns]. Source: definition (unit conversion)."""
 
-Reading: TypeAlias = tuple[int, int | None, int, float]
-"""Number of the message in the recording, stamp in its header [ns] or None, stamp of the recorder
-[ns], and value.
+SAMPLE = np.dtype(
+    [("order", np.int64), ("stamp", np.int64), ("recorded", np.int64), ("value", np.float64)]
+)
+"""What a recording holds of a column: number of the message in the recording, stamp by its own
+clock [ns], stamp of the recorder [ns], and value.
 """
+
+Samples: TypeAlias = NDArray[np.void]
+"""Samples of a column, (n,), of `SAMPLE`."""
 
 Stamped: TypeAlias = tuple[NDArray[np.int64], Floats]
 """Stamps [ns] and values of a column, (n,) each."""
-
-
-class _Samples(NamedTuple):
-    """What a recording holds of a column: stamps by its clock [ns], values, stamps of the recorder
-    [ns], and the numbers of the messages, (n,) each.
-    """
-
-    stamps: NDArray[np.int64]
-    values: Floats
-    recorded: NDArray[np.int64]
-    orders: NDArray[np.int64]
 
 
 def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
@@ -99,16 +93,17 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
         unit: unit of the time column in JSON messages [s].
 
     Raises:
-        LogError: the recording cannot be read, a package for that is missing, or none of the
-            columns is there.
+        LogError: none of the columns is there, one is no number, or the names of joints change
+            their order.
     """
     columns = recorded_columns(path) if columns is None else columns
     if not columns:
-        raise LogError(f"{path}: no message has numbers")
-    readings: dict[str, list[Reading]] = {column: [] for column in columns if column != time}
-    topics: set[str] = set()
+        raise LogError("no message has numbers")
+    readings: dict[str, list[tuple[int, int, int, float]]]
+    readings = {column: [] for column in columns if column != time}
+    topics = set[str]()
     owners = dict[str, str]()
-    for number, message in enumerate(messages_of(path, topics)):
+    for order, message in enumerate(_messages_of(path, topics)):
         for column, samples in readings.items():
             cell = _cell(message, column)
             if cell is None:
@@ -117,27 +112,27 @@ def read_recording(path: Path, columns: Sequence[str] | None, time: str, unit: f
             if owner is not None and owners.setdefault(column, owner) != owner:
                 topic, _, field = column.partition(".")
                 raise LogError(
-                    f"{path}: the names in {topic} change their order: '{column}' is of "
-                    f"{owners[column]}, then of {owner}; name the joint, "
+                    f"the names in {topic} change their order: '{column}' is of {owners[column]}, "
+                    f"then of {owner}; name the joint, "
                     f"{topic}[{owners[column]}].{field.partition('[')[0]}"
                 )
-            stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
-            if isinstance(cell, dict) or np.asarray(cell, dtype=object).ndim > 0:
-                raise LogError(
-                    f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
-                )
+            if isinstance(cell, dict | list | np.ndarray):
+                raise LogError(f"'{column}' is no number; name one element of it, e.g. {column}[0]")
             recorded = min(message.recorded, NO_TIME)
-            samples.append((number, stamp, recorded, _number(path, cell, column)))
+            stamp = recorded if message.stamp is None else message.stamp
+            seconds = stamp_of(message.content, time, unit) if message.json else nan
+            if not isnan(seconds):
+                stamp = round(seconds * 1e9) if abs(seconds) < LATEST_DATE else NO_TIME
+            samples.append((order, stamp, recorded, number_of(cell, column)))
     held = {column: samples for column, samples in readings.items() if samples}
     if not held:
         first = next(iter(readings), "")
         raise LogError(
-            f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; "
-            "columns are /topic.field, "
-            f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
+            f"no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; columns are "
+            f"/topic.field, the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
     stamped = _stamped(path, held)
-    _check_publishers(path, stamped)
+    _check_publishers(stamped)
     for topic in topics:
         in_cycle = {
             column: samples
@@ -171,7 +166,7 @@ def together(stamped: Mapping[str, Stamped]) -> tuple[NDArray[np.int64], dict[st
 
 
 @np.errstate(over="ignore")
-def _check_publishers(path: Path, stamped: dict[str, Stamped]) -> None:
+def _check_publishers(stamped: dict[str, Stamped]) -> None:
     """Raise a `LogError` where most messages of a topic have the stamp of another one with another
     value: two nodes publish it.
     """
@@ -182,17 +177,10 @@ def _check_publishers(path: Path, stamped: dict[str, Stamped]) -> None:
         if 4 * np.count_nonzero(differ) > len(stamps):
             topic = _named(column)[0]
             raise LogError(
-                f"{path}: {np.count_nonzero(same)} of {len(stamps)} messages of {topic} have the "
-                f"stamp of another one, with another {column}: are there two publishers? Record "
-                "one of them alone, under a name of its own"
+                f"{np.count_nonzero(same)} of {len(stamps)} messages of {topic} have the stamp of "
+                f"another one, with another {column}: are there two publishers? Record one of them "
+                "alone, under a name of its own"
             )
-
-
-def _number(path: Path, cell: object, name: str) -> float:
-    try:
-        return number_of(cell, name)
-    except LogError as problem:
-        raise LogError(f"{path}: {problem}") from None
 
 
 @lru_cache
@@ -236,18 +224,9 @@ def _element(message: Message, joint: str, field: str) -> object:
     return message.read(f"{field}[{known.index(joint)}]") if joint in known else None
 
 
-def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | None:
-    """Return the stamp that a JSON message holds [ns], or None where it holds none."""
-    for name, factor in ((time, unit), ("timestamp", 1.0)):
-        cell = message.read(name)
-        if cell is None:
-            continue
-        seconds = _number(path, cell, name) * factor
-        return round(seconds * 1e9) if abs(seconds) < LATEST_DATE else NO_TIME
-    return None
-
-
-def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stamped]:
+def _stamped(
+    path: Path, readings: Mapping[str, list[tuple[int, int, int, float]]]
+) -> dict[str, Stamped]:
     """Return column → its stamps and values, all by one clock: that of the headers where a topic
     has them, else the recorder's.
 
@@ -255,88 +234,79 @@ def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, Stampe
     was set back, all topics are cut at its messages, and only the longest part is taken. All that
     is said.
     """
-    kept = dict[str, _Samples]()
+    kept = dict[str, Samples]()
     wild_in = dict[str, Bools]()
     for column, samples in readings.items():
+        read = np.array(samples, SAMPLE)
         # a stamp of zero counts as missing, unless another stamp of the column is not zero, as in a
         # simulation that begins at zero
-        orders, headers, recorded, values = zip(*samples)
-        by_header = any(headers)
-        stamps = np.array(
-            [
-                stamp if by_header and stamp is not None else at
-                for stamp, at in zip(headers, recorded)
-            ]
-        )
+        if not read["stamp"].any():
+            read["stamp"] = read["recorded"]
+        stamps = read["stamp"]
         wild = wild_stamps(stamps)
         # what came late only stands where its stamp is
         wild &= (stamps < stamps[~wild].min()) | (stamps > stamps[~wild].max())
         wild_in[_named(column)[0]] = wild
+        kept[column] = read[~wild]
         if (stamps[~wild] == NO_TIME).any():
             raise LogError(
-                f"{path}: a stamp of '{column}' is beyond {LATEST_DATE:g} s, which is no time; "
-                "what unit has it? (log.time.unit)"
+                f"a stamp of '{column}' is beyond {LATEST_DATE:g} s, which is no time; what unit "
+                "has it? (log.time.unit)"
             )
-        columns = (stamps, values, recorded, orders)
-        kept[column] = _Samples(*(np.array(part)[~wild] for part in columns))
     for topic, wild in wild_in.items():
         say_wild(str(path), wild, f"message {int(wild.argmax()) + 1} of {topic}")
     _leave_out_another_clock(path, kept)
-    ends, first = max(
-        ((set_backs(samples.stamps), samples.orders) for samples in kept.values()),
+    ends, orders = max(
+        ((set_backs(read["stamp"]), read["order"]) for read in kept.values()),
         key=lambda pair: (len(pair[0]), len(pair[1])),
     )
-    part = first[longest_part(ends, len(first), str(path))]
+    part = orders[longest_part(ends, len(orders), str(path))]
     stamped = dict[str, Stamped]()
     for column, read in kept.items():
-        inside = (read.orders >= part[0]) & (read.orders <= part[-1])
-        rows = inside if len(ends) else slice(None)
-        stamped[column] = read.stamps[rows], read.values[rows]
+        if len(ends):
+            read = read[(read["order"] >= part[0]) & (read["order"] <= part[-1])]
+        stamped[column] = read["stamp"], read["value"]
     return stamped
 
 
-def _leave_out_another_clock(path: Path, kept: dict[str, _Samples]) -> None:
+def _leave_out_another_clock(path: Path, kept: dict[str, Samples]) -> None:
     """Remove the columns whose clock is farther from that of most columns than the recording is
     long, and warn of them. Clocks are compared by the recorder's, which is one for all.
     """
-    away = {column: np.median(read.stamps - read.recorded) for column, read in kept.items()}
-    longest = max(np.ptp(of) for read in kept.values() for of in (read.stamps, read.recorded))
+    away = {column: np.median(read["stamp"] - read["recorded"]) for column, read in kept.items()}
+    longest = max(np.ptp(read[of]) for read in kept.values() for of in ("stamp", "recorded"))
     usual = max(away.values(), key=lambda one: sum(abs(one - a) <= longest for a in away.values()))
-    begins = dict[str, np.int64]()
+    begins = dict[str, float]()
     for column in [column for column, own in away.items() if abs(own - usual) > longest]:
-        begins[_named(column)[0]] = kept.pop(column).stamps[0]
-    first = next(iter(kept.values())).stamps[0]
+        begins[_named(column)[0]] = 1e-9 * kept.pop(column)["stamp"][0]
+    first = 1e-9 * next(iter(kept.values()))["stamp"][0]
     for topic, begin in begins.items():
         say(
-            f"{path}: {topic} left out: its clock begins at {begin * 1e-9:.12g} s, the others' at "
-            f"{first * 1e-9:.12g} s"
+            f"{path}: {topic} left out: its clock begins at {begin:.12g} s, the others' at "
+            f"{first:.12g} s"
         )
 
 
-def _in_cycles(stamped: dict[str, Stamped]) -> dict[str, Stamped]:
+def _in_cycles(stamped: Mapping[str, Stamped]) -> dict[str, Stamped]:
     """Return columns of one topic with one stamp for all joints of a cycle.
 
     This is for drivers that publish each joint in a message of its own. A cycle ends before a joint
     that it has already, and half an interval after it began.
     """
     longest = 0.5 * _shortest_interval([stamps for stamps, _ in stamped.values()])
-    samples = sorted(
-        (stamp, column, number)
-        for column, (stamps, values) in stamped.items()
-        for stamp, number in zip(stamps, values)
-    )
-    moved: dict[str, list[tuple[np.int64, float]]] = {column: [] for column in stamped}
-    begun = samples[0][0]
+    begins = dict[tuple[np.int64, str], np.int64]()
+    begun = np.int64(0)
     cycle = set[str]()
-    for stamp, column, number in samples:
-        if column in cycle or stamp - begun > longest:
+    for at in sorted((stamp, column) for column in stamped for stamp in stamped[column][0]):
+        stamp, column = at
+        if not cycle or column in cycle or stamp - begun > longest:
             begun = stamp
             cycle = set()
         cycle.add(column)
-        moved[column].append((begun, number))
+        begins[at] = begun
     return {
-        column: (np.array([at for at, _ in pairs]), np.array([number for _, number in pairs]))
-        for column, pairs in moved.items()
+        column: (np.array([begins[stamp, column] for stamp in stamps]), values)
+        for column, (stamps, values) in stamped.items()
     }
 
 
@@ -346,27 +316,14 @@ def _shortest_interval(stamps: list[NDArray[np.int64]]) -> float:
     return float(min(intervals, default=0.0))
 
 
-def messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a recording, and put the names of its topics into the set `topics`.
-
-    Raises:
-        LogError: the recording cannot be read, or a package for that is missing.
-    """
-    if not path.exists():
-        raise LogError(f"{path}: is not there")
-    try:
-        read = format_of(path).messages
-        assert read is not None
-        yield from read(path, topics)
-    except LogError:
-        raise
-    except Exception as problem:
-        raise LogError(
-            f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})"
-        ) from None
+def _messages_of(path: Path, topics: set[str]) -> Iterator[Message]:
+    """Yield the messages of a recording, and put the names of its topics into the set `topics`."""
+    read = format_of(path).messages
+    assert read is not None
+    return read(path, topics)
 
 
-def recorded_columns(path: str | Path) -> list[str]:
+def recorded_columns(path: Path) -> list[str]:
     """Return the columns with numbers in a recording: ``/topic.field``, and for an array beside
     names ``/topic[name].field``; stamps are none.
 
@@ -375,7 +332,7 @@ def recorded_columns(path: str | Path) -> list[str]:
     """
     seen = Counter[str]()
     columns = dict[str, None]()
-    for message in messages_of(Path(path), set()):
+    for message in _messages_of(path, set()):
         seen[message.topic] += 1
         if seen[message.topic] <= OF_A_TOPIC:
             # messages that nobody asks for may be of a kind that cannot be read
@@ -389,7 +346,7 @@ def _columns_of(message: Message) -> Iterator[str]:
     names = message.read("name")
     of_joints = [str(name) for name in names] if isinstance(names, list) else []
     for field in _fields(message.content):
-        if message.json and field in STAMPS:
+        if message.json and field in TIMES:
             continue
         array, _, index = field.partition("[")
         index = index.rstrip("]")
@@ -422,15 +379,6 @@ def _is_number(member: object) -> bool:
 
 EPISODE = "episode_index"
 """Column that holds the number of the episode to which a row belongs."""
-
-STATE = "observation.state."
-"""What stands before the name of a motor in the columns of a dataset's readings."""
-
-TIMES = ("t", "time", "timestamp", "stamp", "ts")
-"""Names of the time of a table which lacks the rig's own."""
-
-LEROBOT = {"time": ("timestamp",)}
-"""Name of a rig's time column → names that a dataset's time column may have."""
 
 
 @dataclass(frozen=True)
@@ -469,7 +417,7 @@ def episodes_of(folder: Path) -> list[Episode]:
     problems = list[LogError]()
     for file in files:
         try:
-            cells = read_parquet(file, [EPISODE])
+            cells = _read(file, [EPISODE])
         except LogError as problem:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
@@ -496,42 +444,25 @@ def sources_of(logs: Sequence[Path]) -> list[Path | Episode]:
     return sources
 
 
-def rows_of_episode(episode: Episode, columns: Sequence[str] | None) -> Cells:
-    """Return the cells of an episode.
-
-    Args:
-        columns: names of the columns that are needed; None needs all. A motor's name also finds its
-            number in ``observation.state``.
-    """
-    # where a rig's columns are names of motors, they are looked for in the vector of the state,
-    # and its time in the dataset's stamps
-    alias = {
-        other: name for name in columns or () for other in (STATE + name, *LEROBOT.get(name, ()))
-    }
-    asked = None if columns is None else (*columns, *alias, EPISODE)
-    try:
-        written = episode.path.stat().st_mtime_ns
-    except OSError as problem:
-        raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
-    cells, values = _file(episode.path, written, asked)
-    mine = values == episode.number
-    held: dict[str, Column] = {
-        name: np.asarray(column)[mine] for name, column in cells.columns.items()
-    }
-    named = {alias[name]: values for name, values in held.items() if name in alias} | held
-    return Cells(named, episode.path, 1, tuple(dict.fromkeys((*cells.names, *named))))
+def _rows_of(episode: Episode, columns: Sequence[str] | None) -> Cells:
+    """Return the cells of an episode."""
+    asked = None if columns is None else (*columns, EPISODE)
+    path = episode.path
+    cells = _file(path, path.stat().st_mtime_ns if path.exists() else 0, asked)
+    cells.check([EPISODE])
+    mine = cells.values(EPISODE) == episode.number
+    return replace(
+        cells, columns={name: np.asarray(column)[mine] for name, column in cells.columns.items()}
+    )
 
 
 @lru_cache(maxsize=2)
-def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Cells, Floats]:
-    """Return a file's cells and the episode of each row, (n,).
-
-    The file is kept for the next call, since its episodes are read one after the other. `written`
-    is when the file was changed last [ns], so that a changed file is read again.
+def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> Cells:
+    """Return a file's cells, which are kept for the next call, since its episodes are read one
+    after the other. `written` is when the file was changed last [ns], so that a changed file is
+    read again.
     """
-    cells = read_parquet(path, columns)
-    cells.check([EPISODE])
-    return cells, cells.values(EPISODE)
+    return _read(path, columns)
 
 
 class Frame(Protocol):
@@ -593,25 +524,9 @@ def open_table(
 
 def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float) -> Cells:
     if isinstance(path, Episode):
-        return rows_of_episode(path, columns)
+        return _rows_of(path, columns)
     if isinstance(path, (str, Path)):
-        path = Path(path)
-        try:
-            is_folder = path.is_dir()
-        except (OSError, ValueError, RuntimeError) as problem:
-            raise LogError(
-                f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
-            ) from None
-        check_is_content(path)
-        kind = format_of(path)
-        if kind.read is None:
-            return read_recording(path, columns, time, unit)
-        if is_folder:
-            raise LogError(
-                f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
-                f"{path}/*.csv"
-            )
-        return kind.read(path, columns and [*columns, *TIMES])
+        return _read(Path(path), columns, time, unit)
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
     columns_of = {
@@ -623,6 +538,20 @@ def _opened(path: Source, columns: Sequence[str] | None, time: str, unit: float)
         columns_of[time] = _column(index)
         names = [*names, time]
     return Cells(columns_of, Path("the frame"), 0, tuple(names))
+
+
+def _read(path: Path, columns: Sequence[str] | None, time: str = "t", unit: float = 1.0) -> Cells:
+    """Return the cells of a file or a recording; see `open_table`."""
+    kind = format_of(path)
+    with kind.reading(path):
+        check_is_content(path)
+        if kind.read is None:
+            return read_recording(path, columns, time, unit)
+        if path.is_dir():
+            raise LogError(
+                f"is a folder without {INFO}, so no dataset; give its files, such as {path}/*.csv"
+            )
+        return kind.read(path, columns and [*columns, *TIMES])
 
 
 def _is_dated(column: Any) -> bool:

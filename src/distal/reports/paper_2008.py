@@ -24,7 +24,7 @@ from distal.arrays import Floats
 from distal.confidence import BAND, COVERED_TEXT
 from distal.estimators import KernelEstimator, make_estimator
 from distal.estimators.paper_2008 import FullStateFilter, Noise, paper_noise
-from distal.logs import Log, check_outputs, outputs_in, write_together
+from distal.logs import Log, check_outputs, write_together
 from distal.model import Mechanism
 from distal.reports.page import heading, page, paragraph, picture, resource, svg_of
 from distal.reports.rig_drawing import rig_svg
@@ -582,7 +582,7 @@ def reproduce(out: Path, advance: Callable[[], None]) -> tuple[Claim, ...]:
     Raises:
         OutputError: the folder or a file cannot be written.
     """
-    check_outputs(outputs_in(out, FILES, "the reproduction"))
+    check_outputs([Path(out) / name for name in FILES], makes_folder=True)
     folder = make_folder(out)
     runs: Runs = {}
     for simulated, scenario in TESTS:

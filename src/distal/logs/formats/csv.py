@@ -12,14 +12,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import COPIES, check_memory, check_rows, memory_limit
+from distal.logs.memory_limit import COPIES, check_rows, memory_limit
 from distal.logs.stamps import is_time
 from distal.logs.table_cells import MISSING, Cells, Column, compact, header, needed, say
 
@@ -46,20 +46,19 @@ BLOCK = 1 << 16
 cache and are slower. Source: judgement.
 """
 
-MINUS = "\N{MINUS SIGN}"
-"""The minus that some programs print."""
-
 GZIP = b"\x1f\x8b"
 """Bytes with which a compressed file begins. Source: definition (RFC 1952)."""
-
-WESTERN = frozenset("°µ²".encode("latin-1"))
-"""Signs of units that a text in the code of Western Europe may hold."""
 
 WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
 """Bytes with which a text in UTF-16 begins. Source: definition (Unicode)."""
 
-MARK = b"\xef\xbb\xbf"
-"""Bytes with which some programs begin a text in UTF-8. Source: definition (Unicode)."""
+SIGNS = str.maketrans("\N{MINUS SIGN}\udcb0\udcb5\udcb2", "-°µ²")
+"""The minus that some programs print, and signs of units in the code of Western Europe, as they are
+decoded → the same in UTF-8.
+"""
+
+NO_TEXT = re.compile("[\0\udc80-\udcff]")
+"""A zero byte, or a byte that is no UTF-8, as it is decoded."""
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
@@ -73,41 +72,35 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
         columns: names of the columns that are needed, which may be numbers; None needs all.
 
     Raises:
-        LogError: the file cannot be read or is no text, the header repeats a name, a row is short,
-            long or blank, or a quote is left open.
+        LogError: the file is no text, the header repeats a name, a row is short, long or blank, or
+            a quote is left open.
     """
-    try:
-        with path.open("rb") as file:
-            begin = file.peek(BLOCK)  # a pipe is read once only
-            if begin[:2] == GZIP:
-                return _read(path, io.BufferedReader(gzip.GzipFile(fileobj=file)), columns)
-            is_wide = begin[:2] in WIDE_MARKS or begin[1:4:2] == b"\0\0"
-            is_plain = not is_wide and (b"\r" not in begin or b"\n" in begin)
-            if is_plain or not path.is_file():
-                return _read(path, file, columns)
-            # such as a spreadsheet's "Unicode text", or lines that only a return ends
-            check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
-            code = "utf-16" if begin[:2] in WIDE_MARKS else "utf-16-le" if is_wide else "latin-1"
-            text = file.read().decode(code, "replace").replace("\r\n", "\n").replace("\r", "\n")
-            return _read(path, io.BytesIO(text.encode("utf-8" if is_wide else code)), columns)
-    except (OSError, EOFError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise LogError(f"{path}: cannot be read ({reason})") from None
+    with path.open("rb") as file:
+        # a pipe is read once only
+        packed = file.peek(len(GZIP)).startswith(GZIP)
+        plain = gzip.GzipFile(fileobj=file) if packed else file
+        begin = plain.peek(4)
+        code, otherwise = "utf-8-sig", "surrogateescape"
+        if begin.startswith(WIDE_MARKS) or begin[1:4:2] == b"\0\0":
+            code = "utf-16" if begin.startswith(WIDE_MARKS) else "utf-16-le"
+            otherwise = "replace"
+        with io.TextIOWrapper(plain, code, otherwise) as text:
+            return _read(path, text, columns)
 
 
-def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
+def _read(path: Path, file: TextIO, columns: Sequence[str] | None) -> Cells:
     longest = memory_limit() // COPIES  # of a line: a device may never end one
-    lines = _head(path, file, longest)
+    lines = _head(file, longest)
     separator, names, header_cells, first_row = _header(path, lines, frozenset(columns or ()))
     parts: dict[str, list[Column]] = {name: [] for name in names if needed(name, columns)}
     row = first_row
-    line = b"".join(lines[first_row - 1 :])
+    text = "".join(lines[first_row - 1 :])
     torn = dict[int, str]()
     repeated = list[int]()
-    while block := line + file.read(BLOCK) + file.readline(longest):
-        line = b""
+    while text := text + file.read(BLOCK) + file.readline(longest):
         rows = list[list[str]]()
-        for cells in _rows(path, block, separator, row):
+        for line in _checked(text, row).removesuffix("\n").split("\n"):
+            cells = _split(row, line, separator)
             if len(cells) == len(names) + 1 and not cells[-1].strip():
                 del cells[-1]  # each row ends with a separator
             first = cells[0].strip() if cells else ""
@@ -116,20 +109,21 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
             elif len(cells) == len(names):
                 rows.append(cells)
             elif "".join(cells).strip() and not first.startswith(COMMENT):
-                torn[row] = _mismatch(cells, names, row == first_row)
+                torn[row] = _mismatch(cells, names)
                 rows.append([""] * len(names))
             row += 1
+        text = ""
         for name, column in zip(names, zip(*rows)):
             if name in parts:
                 parts[name].append(compact(list(column)))
-        check_rows(path, row - first_row, len(parts))
+        check_rows(row - first_row, len(parts))
     held = {name: _joined(of_column) for name, of_column in parts.items()}
     if torn:
         at, reason = next(iter(torn.items()))
-        wrong = f"{path}: row {at}: {reason}"
+        wrong = f"row {at}: {reason}"
         if 2 * len(torn) > max(map(len, held.values()), default=0):
             raise LogError(wrong)
-        say(f"{wrong}; rows left out: {len(torn)}")
+        say(f"{path}: {wrong}; rows left out: {len(torn)}")
     if repeated:
         say(
             f"{path}: row {repeated[0]} repeats the header, {len(repeated)} in all: left out; are "
@@ -138,41 +132,40 @@ def _read(path: Path, file: BinaryIO, columns: Sequence[str] | None) -> Cells:
     return Cells(held, path, first_row, names)
 
 
-def _mismatch(cells: Sequence[str], names: Sequence[str], is_first: bool) -> str:
+def _mismatch(cells: Sequence[str], names: Sequence[str]) -> str:
     """Return what is wrong with a row that has not one cell for each name."""
     text = (
         f"is too {'short' if len(cells) < len(names) else 'long'} ({len(cells)} cells; the header "
         f"has {len(names)})"
     )
     if len(cells) == 2 * len(names):
-        return f"{text}; are these decimal commas? Write points, or separate by semicolons"
-    above = is_first and len(cells) > len(names)
-    return f"{text}; is this the header? Remove what stands above it" if above else text
+        text += "; are these decimal commas? Write points, or separate by semicolons"
+    return text
 
 
-def _head(path: Path, file: BinaryIO, longest: int) -> list[bytes]:
+def _head(file: TextIO, longest: int) -> list[str]:
     """Return the first lines of a file, up to the first row of numbers."""
-    lines = [file.readline(longest).removeprefix(MARK)]
-    while lines[-1] and len(lines) < MOST_ABOVE:
-        if _value_cells(_text(path, lines[-1], len(lines))):
+    lines = list[str]()
+    while len(lines) < MOST_ABOVE:
+        lines.append(_checked(file.readline(longest), len(lines) + 1))
+        if not lines[-1] or _value_cells(lines[-1]):
             break
-        lines.append(file.readline(longest))
     return lines
 
 
-def _value_cells(text: str) -> tuple[str, int] | None:
+def _value_cells(line: str) -> tuple[str, int] | None:
     """Return the separator and the number of cells of a row of numbers, None of another line."""
     for separator in (*SEPARATORS, BLANKS):
         cells = list[str]()
-        with suppress(csv.Error):  # a quote that is not closed is said where rows are read
-            cells = _split(text, separator)
+        with suppress(LogError):  # a quote that is not closed is said where rows are read
+            cells = _split(0, line, separator)
         if len(cells) > 1 and "".join(cells).strip() and all(map(_is_value, cells)):
             return separator, len(cells)
     return None
 
 
 def _header(
-    path: Path, lines: Sequence[bytes], asked: frozenset[str]
+    path: Path, lines: Sequence[str], asked: frozenset[str]
 ) -> tuple[str, tuple[str, ...], list[str], int]:
     """Return the separator of a file, its names, the cells of its header, and the number of its
     first row of readings.
@@ -180,31 +173,28 @@ def _header(
     The header is the last line above the first row of numbers that has as many cells, most of them
     names. Below it may stand units.
     """
-    texts = [_text(path, line, k + 1) for k, line in enumerate(lines)]
-    plain = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(COMMENT)]
+    plain = [k for k, line in enumerate(lines) if line.strip() and not line.startswith(COMMENT)]
     if not plain:
-        raise LogError(f"{path}: is empty")
-    first = _value_cells(texts[-1])
+        raise LogError("is empty")
     top = plain[0]
-    at = top if first is None or top < len(lines) - 1 else None
+    first = _value_cells(lines[-1])
     if first is not None:
         separator, count = first
     else:  # a column of text: the first line has the names
         count = 0
-        separator = max(SEPARATORS, key=texts[top].count)
-        if separator not in texts[top] and len(texts[top].split()) > 1:
+        separator = max(SEPARATORS, key=lines[top].count)
+        if separator not in lines[top] and len(lines[top].split()) > 1:
             separator = BLANKS
-
-    def cells_of(k: int) -> list[str]:
-        (cells,) = _rows(path, lines[k].lstrip(COMMENT.encode()), separator, k + 1)
-        return [cell.strip() for cell in cells]
-
-    for k in range(len(lines)) if first else ():
-        cells = cells_of(k)
+    cells_of = [
+        [cell.strip() for cell in _split(k + 1, line.lstrip(COMMENT), separator)]
+        for k, line in enumerate(lines)
+    ]
+    at = top if first is None or top < len(lines) - 1 else None
+    for k, cells in enumerate(cells_of) if first else ():
         names_most = 2 * sum(map(_is_value, cells)) < len(cells) or asked & set(cells)
-        ends_empty = len(cells) == count - 1 and not cells_of(len(lines) - 1)[-1]
+        ends_empty = len(cells) == count - 1 and not cells_of[-1][-1]
         if (len(cells) == count or ends_empty) and names_most:
-            is_units = at is not None and k and _units(cells, cells_of(at))
+            is_units = at is not None and k and _units(cells, cells_of[at])
             if at is None or not (is_units or len(set(cells)) < len(cells)):
                 at = k
     if at is None:
@@ -214,14 +204,14 @@ def _header(
             "their names above the first row"
         )
         return separator, names, list(names), len(lines)
-    header_cells = cells_of(at)
+    header_cells = cells_of[at]
     name, most = Counter(header_cells).most_common(1)[0]
     if most > 1:
-        raise LogError(f"{path}: the header has column '{name}' more than once; names must differ")
+        raise LogError(f"the header has column '{name}' more than once; names must differ")
     before = sum(k < at for k in plain)
     if before:
         say(f"{path}: {before} lines above the header, row {at + 1}, are left out")
-    units = _units(cells_of(at + 1), header_cells) if at + 1 < len(lines) else None
+    units = _units(cells_of[at + 1], header_cells) if at + 1 < len(lines) else None
     return separator, units or tuple(header_cells), header_cells, at + 2 + (units is not None)
 
 
@@ -255,63 +245,38 @@ def _joined(parts: list[Column]) -> Column:
     return np.concatenate(arrays)
 
 
-def _rows(path: Path, block: bytes, separator: str, first_row: int) -> list[list[str]]:
-    """Return the cells of each of some lines; raise a `LogError` where a quoted cell goes on in the
-    next line.
-    """
-    text = _text(path, block, first_row)
-    lines = text.removesuffix("\n").split("\n")
-    if '"' not in text or separator == BLANKS:
-        return [_split(line, separator) for line in lines]
-    if separator != ",":
-        lines = [DECIMAL_COMMA.sub(".", line) for line in lines]
-    reader = csv.reader(lines, delimiter=separator, strict=True)
-    rows: list[list[str]] = []
-    try:
-        for row in reader:
-            begins = first_row + len(rows)
-            if first_row + reader.line_num - 1 != begins:
-                raise LogError(
-                    f"{path}: row {begins}: a quote is opened and not closed in this row; a cell "
-                    "may not hold a line break"
-                )
-            rows.append(row)
-    except csv.Error as problem:
-        raise LogError(
-            f"{path}: row {first_row + len(rows)}: cannot be read as CSV ({problem}); is a quote "
-            "not closed?"
-        ) from None
-    return rows
-
-
-def _split(line: str, separator: str) -> list[str]:
-    """Return the cells of a line."""
+def _split(row: int, line: str, separator: str) -> list[str]:
+    """Return the cells of a line; raise a `LogError` where a quoted cell does not end in it."""
     if separator != ",":
         line = DECIMAL_COMMA.sub(".", line)
     if separator == BLANKS:
         return line.split()
-    return next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
-
-
-def _text(path: Path, block: bytes, row: int) -> str:
-    """Return some lines as text.
-
-    Args:
-        row: number of the first row.
-    """
+    if '"' not in line:
+        return line.split(separator)
     try:
-        if b"\0" in block:
-            row += block[: block.index(0)].count(b"\n")
-            raise LogError(
-                f"{path}: row {row}: is not text, it holds a zero byte; a CSV file is expected "
-                "(Parquet needs the ending .parquet; unpack an archive)"
-            )
-        return block.decode().replace(MINUS, "-")
-    except UnicodeDecodeError as problem:
-        if {byte for byte in block if byte > 127} <= WESTERN:
-            return block.decode("latin-1")
-        row += block[: problem.start].count(b"\n")
-        raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
+        return next(csv.reader([line], delimiter=separator, strict=True))
+    except csv.Error as problem:
+        raise LogError(
+            f"row {row}: cannot be read as CSV ({problem}); is a quote not closed?"
+        ) from None
+
+
+def _checked(text: str, row: int) -> str:
+    """Return some lines, of which `row` is the first one, with `SIGNS` in UTF-8; raise a `LogError`
+    where they are no text.
+    """
+    if not text.isascii():
+        text = text.translate(SIGNS)
+    odd = NO_TEXT.search(text)
+    if odd is None:
+        return text
+    row += text.count("\n", 0, odd.start())
+    if odd[0] != "\0":
+        raise LogError(f"row {row}: is not UTF-8 text")
+    raise LogError(
+        f"row {row}: is not text, it holds a zero byte; a CSV file is expected (Parquet "
+        "needs the ending .parquet; unpack an archive)"
+    )
 
 
 def write_csv(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> None:
@@ -331,4 +296,4 @@ def write_csv(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) -> Non
     text.detach()
 
 
-CSV = Format(endings=(".csv", ".txt"), read=read_csv, write=write_csv)
+CSV = Format("CSV", endings=(".csv", ".txt"), read=read_csv, write=write_csv)

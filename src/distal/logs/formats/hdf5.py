@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import COPIES, check_memory
+from distal.logs.memory_limit import check_memory
 from distal.logs.table_cells import WIDEST_VECTOR, Cells, Column, needed
 
 
@@ -22,36 +22,26 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
         columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: the file is not HDF5 or is damaged, its columns have different lengths, they take
-            more memory than is allowed, or h5py is missing.
+        LogError: its columns have different lengths, or take more memory than is allowed.
     """
-    try:
-        import h5py
-    except ImportError:
-        raise LogError(f"{path}: HDF5 needs the package h5py (pip install '.[hdf5]')") from None
-    try:
-        with h5py.File(path, "r") as file:
-            parts = dict[str, Any]()
-            file.visititems(parts.__setitem__)
-            sets = {name: part for name, part in parts.items() if _is_column(part)}
-            groups = {name.rpartition("/")[0] for name in sets}
-            if len(groups) == 1:  # a group of all adds nothing to their names
-                sets = {name.rpartition("/")[2]: part for name, part in sets.items()}
-            every = [column for name, part in sets.items() for column in _columns(name, part)]
-            chosen = [column for column in every if needed(column[0], columns)]
-            size = sum(part.dtype.itemsize * len(part) for _, part, _ in chosen)
-            check_memory(path, COPIES * size, f"it holds {len(chosen)} columns of that")
-            held: dict[str, Column] = {name: np.asarray(part[at]) for name, part, at in chosen}
-    except LogError:
-        raise
-    except Exception as problem:  # of a damaged file h5py may raise anything
-        raise LogError(
-            f"{path}: is not an HDF5 file, or a damaged one ({str(problem)[:120]})"
-        ) from None
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        parts = dict[str, Any]()
+        file.visititems(parts.__setitem__)
+        sets = {name: part for name, part in parts.items() if _is_column(part)}
+        groups = {name.rpartition("/")[0] for name in sets}
+        if len(groups) == 1:  # a group of all adds nothing to their names
+            sets = {name.rpartition("/")[2]: part for name, part in sets.items()}
+        every = [column for name, part in sets.items() for column in _columns(name, part)]
+        chosen = [column for column in every if needed(column[0], columns)]
+        size = sum(part.dtype.itemsize * len(part) for _, part, _ in chosen)
+        check_memory(size, f"it holds {len(chosen)} columns of that")
+        held: dict[str, Column] = {name: np.asarray(part[at]) for name, part, at in chosen}
     lengths = {len(column) for column in held.values()}
     if len(lengths) > 1:
         raise LogError(
-            f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
+            f"its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows. Are these several episodes? Write each into a file of its own"
         )
     return Cells(held, path, 1, tuple(name for name, _, _ in every))
@@ -74,4 +64,4 @@ def _columns(name: str, part: Any) -> list[tuple[str, Any, Any]]:
     return [(f"{name}.{k}", part, (..., k)) for k in range(part.shape[1])]
 
 
-HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)
+HDF5 = Format("HDF5", endings=(".h5", ".hdf5"), read=read_hdf5)

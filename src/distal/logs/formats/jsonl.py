@@ -8,7 +8,7 @@ from pathlib import Path
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import COPIES, check_memory
+from distal.logs.memory_limit import check_memory
 from distal.logs.table_cells import Cells, compact, needed
 
 
@@ -19,13 +19,10 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
         columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: the file cannot be read, or a line is no JSON object.
+        LogError: a line is no JSON object.
     """
-    try:
-        check_memory(path, COPIES * path.stat().st_size, "it is read as a whole")
-        lines = path.read_bytes().split(b"\n")
-    except OSError as problem:
-        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
+    check_memory(path.stat().st_size, "it is read as a whole")
+    lines = path.read_bytes().split(b"\n")
     rows = list[dict[str, str]]()
     for number, line in enumerate(lines, 1):
         if not line.strip():
@@ -35,9 +32,9 @@ def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:
         except ValueError as problem:
             if number == len(lines) > 1:
                 break  # the recorder was stopped within a line
-            raise LogError(f"{path}: row {number}: is no JSON ({problem})") from None
+            raise LogError(f"row {number}: is no JSON ({problem})") from None
         if not isinstance(content, dict):
-            raise LogError(f"{path}: row {number}: is no JSON object with names, {{...}}")
+            raise LogError(f"row {number}: is no JSON object with names, {{...}}")
         rows.append(dict(_flat(content)))
     names = tuple(dict.fromkeys(name for row in rows for name in row))
     held = {
@@ -59,4 +56,4 @@ def _flat(content: object, name: str = "") -> Iterator[tuple[str, str]]:
         yield name, "" if content is None else str(content)
 
 
-JSONL = Format(endings=(".jsonl", ".ndjson"), read=read_jsonl)
+JSONL = Format("JSON lines", endings=(".jsonl", ".ndjson"), read=read_jsonl)

@@ -27,10 +27,8 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
     Args:
         topics: a set, into which the names of the topics are put.
     """
-    try:
-        from mcap.reader import NonSeekingReader
-    except ImportError:
-        raise LogError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
+    from mcap.reader import NonSeekingReader
+
     stores: dict[int, Any] = {}
     with path.open("rb") as file:
         complete = _is_complete(path, file)
@@ -45,16 +43,16 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
                     decode = (
                         partial(_json, message.data)
                         if in_json
-                        else partial(_of_ros, path, stores, schema, message.data)
+                        else partial(_of_ros, stores, schema, message.data)
                     )
-                    yield Message(path, channel.topic, message.log_time, decode, in_json)
+                    yield Message(channel.topic, message.log_time, decode, in_json)
 
 
 def _is_complete(path: Path, file: BinaryIO) -> bool:
     """Return whether an MCAP file has an end; warn where it has none."""
     begins = file.read(len(MAGIC))
     if begins != MAGIC:
-        raise LogError(f"{path}: is no MCAP file, since it begins with {begins!r}")
+        raise LogError(f"is no MCAP file, since it begins with {begins!r}")
     size = file.seek(-len(MAGIC), SEEK_END)
     complete = file.read() == MAGIC and size > 0
     file.seek(0)
@@ -71,14 +69,10 @@ def _json(data: bytes) -> object:
         return None
 
 
-def _of_ros(path: Path, stores: dict[int, Any], schema: Any, data: bytes) -> object:
+def _of_ros(stores: dict[int, Any], schema: Any, data: bytes) -> object:
     """Return the content of a message of ROS 2; an MCAP file holds the definitions of messages."""
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError:
-        raise LogError(
-            f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')"
-        ) from None
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
     if schema.id not in stores:
         store = get_typestore(Stores.LATEST)
         if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
@@ -87,4 +81,4 @@ def _of_ros(path: Path, stores: dict[int, Any], schema: Any, data: bytes) -> obj
     return stores[schema.id].deserialize_cdr(data, schema.name)
 
 
-MCAP = Format(endings=(".mcap",), messages=read_mcap)
+MCAP = Format("MCAP", endings=(".mcap",), messages=read_mcap)

@@ -31,39 +31,20 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         columns: names of the columns that are needed; None needs all.
 
     Raises:
-        LogError: the file is not Parquet, the columns take more memory than is allowed, or pyarrow
-            is missing.
+        LogError: the columns take more memory than is allowed, or a column holds vectors of
+            different lengths.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise LogError(
-            f"{path}: Parquet needs the package pyarrow (pip install '.[parquet]')"
-        ) from None
-    try:
-        source = path.open("rb")
-    except OSError as problem:
-        raise LogError(f"{path}: cannot be read ({problem.strerror or problem})") from None
-    with source:
-        try:
-            file = pyarrow.parquet.ParquetFile(source)
-            parts = _parts(path, file)
-            chosen = {name: part for name, part in parts.items() if needed(name, columns)}
-            read = list(dict.fromkeys(column for column, _ in chosen.values()))
-            check_rows(path, file.metadata.num_rows, len(chosen))
-            table = file.read(columns=read, use_threads=False)
-            held = {
-                name: _column(path, column, table[column], at)
-                for name, (column, at) in chosen.items()
-            }
-            return Cells(held, path, 1, tuple(parts))
-        except LogError:
-            raise
-        except Exception as problem:  # of a damaged file Arrow may raise anything
-            raise LogError(
-                f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})"
-            ) from None
+    import pyarrow.parquet
+
+    with path.open("rb") as source:
+        file = pyarrow.parquet.ParquetFile(source)
+        parts = _parts(path, file)
+        chosen = {name: part for name, part in parts.items() if needed(name, columns)}
+        read = list(dict.fromkeys(column for column, _ in chosen.values()))
+        check_rows(file.metadata.num_rows, len(chosen))
+        table = file.read(columns=read, use_threads=False)
+        held = {name: _column(column, table[column], at) for name, (column, at) in chosen.items()}
+    return Cells(held, path, 1, tuple(parts))
 
 
 def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
@@ -77,14 +58,12 @@ def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
     plain = dict[str, tuple[str, int | None]]()
     of_vectors = dict[str, tuple[str, int | None]]()
     for column in file.schema_arrow:
-        kind = column.type
+        of = getattr(column.type, "value_field", None)  # of a list
         length = 0
-        is_vector = (
-            types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
-        )
-        if is_vector and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type)):
-            batch = next(file.iter_batches(1, columns=[column.name]), None)
-            length = 0 if batch is None or not batch.num_rows else len(batch[0][0].values or ())
+        if of is not None and (types.is_floating(of.type) or types.is_integer(of.type)):
+            for batch in file.iter_batches(1, columns=[column.name]):
+                length = len(batch[0][0].values or ())
+                break
         if 0 < length <= WIDEST_VECTOR:
             names = numbered(path, column.name, length)
             of_vectors |= {name: (column.name, k) for k, name in enumerate(names)}
@@ -93,7 +72,7 @@ def _parts(path: Path, file: Any) -> dict[str, tuple[str, int | None]]:
     return plain | of_vectors
 
 
-def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
+def _column(name: str, column: Any, at: int | None) -> Column:
     """Return the cells of an Arrow column, or the numbers `at` a position of its vectors; whole
     numbers stay whole where none is missing, dates keep their unit.
     """
@@ -102,9 +81,7 @@ def _column(path: Path, name: str, column: Any, at: int | None) -> Column:
     if at is not None:
         lengths = pyarrow.compute.list_value_length(column)
         if lengths.null_count or len(lengths.unique()) > 1:
-            raise LogError(
-                f"{path}: column '{name}' holds vectors of different lengths, or misses some"
-            )
+            raise LogError(f"column '{name}' holds vectors of different lengths, or misses some")
         column = pyarrow.compute.list_element(column, at)
     return as_column(column.to_numpy())
 
@@ -119,8 +96,9 @@ def write_parquet(columns: Mapping[str, NDArray[np.generic]], file: BinaryIO) ->
 
 
 PARQUET = Format(
+    "Parquet",
     endings=(".parquet", ".pq"),
     read=read_parquet,
     write=write_parquet,
-    package=("pyarrow", "parquet"),
+    package="pyarrow",
 )

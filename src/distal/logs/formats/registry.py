@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from distal.errors import Content, LogError, OutputError
 from distal.logs.formats.csv import CSV
-from distal.logs.formats.format import Format
+from distal.logs.formats.format import EXTRAS, Format
 from distal.logs.formats.hdf5 import HDF5
 from distal.logs.formats.jsonl import JSONL
 from distal.logs.formats.mcap import MCAP
@@ -40,7 +40,7 @@ def check_is_content(path: Path) -> None:
             with path.open("rb") as file:
                 if file.read(len(POINTER)) == POINTER:
                     raise LogError(
-                        f"{path}: is a pointer of Git LFS; fetch the log itself with git lfs pull"
+                        "is a pointer of Git LFS; fetch the log itself with git lfs pull"
                     )
 
 
@@ -59,8 +59,24 @@ def format_of(path: str | Path) -> Format:
     return CSV
 
 
-WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
-"""Part of the message where a path ends in no format that can be written."""
+def check_format(path: str | Path) -> None:
+    """Raise an `OutputError` where a path ends as a file that is never written, or where the
+    package for its format is missing.
+    """
+    kind = format_of(path)
+    if kind.write is None or Path(path).suffix.lower() in UNWRITTEN:
+        raise OutputError(
+            f"{path}: results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
+        )
+    if kind.package is not None and find_spec(kind.package) is None:
+        raise OutputError(
+            f"{path}: needs the package {kind.package} (pip install '.[{EXTRAS[kind.package]}]'); "
+            "or write CSV"
+        )
+
+
+UNWRITTEN = (".xlsx", ".xls", ".ods", ".mat", ".npz")
+"""Endings of tables that other programs write."""
 
 
 def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> Content:
@@ -72,19 +88,5 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> Con
     """
     check_format(path)
     write = format_of(path).write
-    if write is None:
-        raise OutputError(f"{path}: {WRITTEN}")
+    assert write is not None
     return partial(write, columns)
-
-
-def check_format(path: str | Path) -> None:
-    """Raise an `OutputError` where a path ends as a file that is never written (.xlsx, .ods, .mat,
-    .npz, .h5), or where the package for its format is missing.
-    """
-    if Path(path).suffix.lower() in (".xlsx", ".xls", ".ods", ".mat", ".npz", ".h5"):
-        raise OutputError(f"{path}: {WRITTEN}")
-    package = format_of(path).package
-    if package is not None and find_spec(package[0]) is None:
-        raise OutputError(
-            f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV"
-        )

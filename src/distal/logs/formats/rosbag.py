@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from distal.errors import LogError
 from distal.logs.formats.format import Format, Message
 
 
@@ -17,19 +16,15 @@ def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
         path: the bag, or the database (``.db3``) in the folder of a ROS 2 bag.
         topics: a set, into which the names of the topics are put.
     """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     path = path.parent if path.suffix.lower() == ".db3" else path
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise LogError(
-            f"{path}: ROS bags need the package rosbags (pip install '.[ros]')"
-        ) from None
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():
             decode = partial(reader.deserialize, raw, connection.msgtype)
-            yield Message(path, connection.topic, recorded, decode)
+            yield Message(connection.topic, recorded, decode)
 
 
-ROSBAG = Format(endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")
+ROSBAG = Format("a ROS bag", endings=(".bag", ".db3"), messages=read_rosbag, folder="metadata.yaml")
