@@ -276,19 +276,19 @@ class Hand:
         """
         time = clock.monotonic() if time is None else time
         sample, problem = self._sample(time)
-        believed = self._gate.believed(time, sample, self._live.channels)
         self._gate.heated(tuple(self._hot))
         if self._inverse is None:
+            self._gate.believed(time, sample, self._live.channels)
             self._reading = self._monitor.take(time, sample)
             self._held_back = self._gate.note
             self._limit({})
         else:
-            command = self._inverse.step(time, self._desired, believed)
+            command = self._inverse.step(time, self._desired, sample)
             self._reading = command.reading
             self._held_back = command.note
             names = self._rig.drive_names
-            self._inverse.confirm(self._write(dict(zip(names, command.positions.tolist()))))
-            self._limit(dict(zip(names, self._inverse.holding.tolist())))
+            self._gate.confirm(self._write(dict(zip(names, command.positions.tolist()))))
+            self._limit(dict(zip(names, self._gate.holding.tolist())))
         for motors, what in (
             (self._units.restarts, " counts from another turn: it restarted"),
             (self._units.in_doubt, ": in which of its turns, is not known; it gets no goal"),
