@@ -45,12 +45,10 @@ OLDEST = 0.1
 """Age beyond which a reading does not tell where a motor is [s]. Source: judgement."""
 
 PATIENCE = 1.0
-"""Time for which a stopped motor holds its force before it does what the rig's `when_lost` says
-[s]; a motor stands if it would move by less than `AGREES` in it. Source: judgement.
+"""Time for which a stopped motor holds its force before it does what the rig's `when_lost` says,
+and over which it then lets go of it [s]; a motor stands if it would move by less than `AGREES` in
+it. Source: judgement.
 """
-
-EASES = 1.0
-"""Time over which a stopped motor lets go of its force [s]. Source: judgement."""
 
 LAG = 0.05
 """Lag of a servo that the rig does not describe [s], that of a bandwidth of 3 Hz. Source:
@@ -454,7 +452,7 @@ class GoalGate(MotorReadings):
         self._stopped_at = np.where(begins, time, self._stopped_at)
         # the share of its force that each motor may still hold
         waited = self._time - self._stopped_at - np.where(self._hot, 0.0, PATIENCE)
-        eased = np.clip(waited / EASES, 0.0, 1.0)
+        eased = np.clip(waited / PATIENCE, 0.0, 1.0)
         most = np.minimum(self._continuous / np.maximum(np.abs(self.torque), 1e-12), 1.0)
         relaxes = self._hot | (self._rig.when_lost == "relax")
         left = 1.0 - eased * (1.0 - np.where(relaxes, 0.0, most))
