@@ -255,16 +255,7 @@ class LiveModel:
         command, y = model.function()(command, row, parameters)
         sent = model.y.parts(y)
         at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > AT_END
-        # a slider cannot push; no product with a limit that may be infinite
-        high = model.of_drives(parameters, "limit")
-        pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
-        forces = ca.fmin(ca.fmax(sent["forces"], ca.if_else(pushes, -high, 0)), high)
         positions = read_function(states)(sent["positions"], came["state"], of_filter)
-        # servos give way: by their stiffness, and by their dead band in the direction of motion
-        ahead = model.of_drives(parameters, "soft") * forces
-        ahead += model.of_drives(parameters, "dead") * model.kernel_state.part(
-            command, "drives_turned"
-        )
         following = self.kernel_state.joined(
             **{name: guided[name] for name in GUIDED},
             last=came["state"][model.free],
@@ -275,9 +266,9 @@ class LiveModel:
         )
         y = self.y.joined(
             angles=sent["angles"],
-            positions=positions + ahead,
+            positions=positions + sent["gives"],
             speeds=sent["speeds"] + (positions - came["read"]) / RESPONDS,
-            forces=forces,
+            forces=model.possible(sent["forces"], parameters),
             tensions=sent["tensions"],
             at_end=at_end,
         )
