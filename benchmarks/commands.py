@@ -38,7 +38,7 @@ from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
-from distal.inverse.command_trajectory import sent
+from distal.inverse.command_trajectory import followable, sent
 from distal.logs import FROM_SENSOR
 
 Floats = NDArray[np.float64]
@@ -109,7 +109,10 @@ def led(rig: Rig, positions: Floats) -> Floats:
     """Return what is sent so that servos are at places in time."""
     time = np.arange(len(positions)) * PERIOD
     return np.column_stack(
-        [sent(time, positions[:, i], drive) for i, drive in enumerate(rig.drives)]
+        [
+            sent(time, followable(time, positions[:, i], drive), drive)
+            for i, drive in enumerate(rig.drives)
+        ]
     )
 
 

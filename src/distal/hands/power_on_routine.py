@@ -66,8 +66,8 @@ class Sweep:
 
 
 def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
-    """Return the sweeps of a motor in a log, of which the first begins anywhere; a motor that meets
-    no end either way may have two.
+    """Return the sweeps of a motor in a log without gaps, of which the first begins anywhere; a
+    motor that meets no end either way may have two.
 
     Raises:
         LogError: its angle or torque is not in the log, or it sweeps less than `FEWEST_SWEEPS`
@@ -76,14 +76,10 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     position, torque = sweep_channels_of(rig, drive)
     positions = log.channels[position]
     torques = log.channels[torque]
-    known = np.isfinite(positions) & np.isfinite(torques)
-    if not known.any():
-        raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
-    rows = np.flatnonzero(known)
-    positions = positions[rows]
-    torques = torques[rows]
+    if not np.isfinite([positions, torques]).all():
+        raise LogError(f"{log.source}: '{position}' or '{torque}' is never there")
     sweeps = [
-        _sweep(positions[begin : end + 1], torques[begin : end + 1], int(rows[end]))
+        _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
         for begin, end in pairwise(_turning(positions, travel_of(rig, drive)))
     ]
     if sweeps:
