@@ -621,15 +621,7 @@ class CommandModel:
         high = before + wide
         for _ in range(STEPS):
             value, slope = self.pull(angles, s, shares, p)
-            # Newton's step, or to the middle of the bracket
-            slope = rising * slope
-            excess = rising * (value - pulls)
-            below = excess < 0
-            low = ca.if_else(below, s, low)
-            high = ca.if_else(below, high, s)
-            newton = s - excess / ca.if_else(slope > 0, slope, 1)
-            inner = ca.logic_and(slope > 0, ca.logic_and(newton >= low, newton <= high))
-            s = ca.if_else(inner, newton, (low + high) / 2)
+            s, low, high = self._refined(s, low, high, rising * (value - pulls), rising * slope)
         return ca.Function("positions", [angles, before, pulls, shares, p], [s])
 
     @traced
@@ -659,3 +651,17 @@ class CommandModel:
             after[d] = limited(rubbed[d] + turned, 1)
             sprung[d] -= after[d] * limit
         return [sprung, after]
+
+    @traced
+    def _refined(
+        self, positions: Vector, low: Vector, high: Vector, excess: Vector, slope: Vector
+    ) -> list[Vector]:
+        """Function (s, low, high, excess, slope) → next s, low and high, by Newton's step, or to
+        the middle of the bracket.
+        """
+        below = excess < 0
+        lower = ca.if_else(below, positions, low)
+        upper = ca.if_else(below, high, positions)
+        newton = positions - excess / ca.if_else(slope > 0, slope, 1)
+        inner = ca.logic_and(slope > 0, ca.logic_and(newton >= lower, newton <= upper))
+        return [ca.if_else(inner, newton, (lower + upper) / 2), lower, upper]

@@ -221,44 +221,43 @@ class LiveModel:
         was = self.kernel_state.parts(kernel_state)
         came = self.x.parts(x)
         gains = self.parameters.parts(p)
-        command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
-        lowest, compensates = (gains.pop(name) for name in ("lowest", "compensates"))
-        of_filter, derived = (gains.pop(name) for name in ("of_filter", "derived"))
+        trusted = came["trusted"]
+        angles = came["state"][model.free]
         # maps that are not trusted, far from where they were learned, are not followed, nor torques
         # from outside
-        mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
-        parameters, torques = self._believed()(came["state"], of_filter, derived)
+        mapped = ca.if_else(trusted > 0, came["mapped"], was["mapped"])
+        parameters, torques = self._believed()(came["state"], gains["of_filter"], gains["derived"])
         free = came["touched"] <= TOUCHED
-        # nothing winds up against a stop, nor against the end of a drive's range
-        guided = guide_function(model.nf)(
-            angles=came["state"][model.free],
+        guide = guided(
+            was,
+            gains,
+            angles=angles,
             desired=model.within_stops(came["desired"], parameters),
             dt=came["dt"],
-            trusted=came["trusted"],
+            trusted=trusted,
             free=free,
-            winds=came["trusted"] * (1 - at_end) * free,
-            **{f"{name}_before": part for name, part in was.items()},
-            **gains,
+            # nothing winds up against a stop, nor against the end of a drive's range
+            winds=trusted * (1 - was["at_end"]) * free,
         )
         later = model.number(parameters, ["lead"])
-        bend = limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
-        ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
+        bend = limited(later**2 / 2 * guide["acceleration"], ca.fabs(later * guide["speed"]))
+        ahead = guide["reference"] + later * guide["speed"] + bend + guide["correction"] - mapped
         row = model.x.joined(
             dt=came["dt"],
             angles=model.within_stops(ahead, parameters),
-            speeds=guided["speed"] + guided["correcting"],
-            accelerations=guided["acceleration"],
-            torques=came["trusted"] * compensates * torques
-            + ca.mtimes(ca.pinv(model.mechanism.spread).T, guided["pushed"]),
-            lowest=lowest,
+            speeds=guide["speed"] + guide["correcting"],
+            accelerations=guide["acceleration"],
+            torques=trusted * gains["compensates"] * torques
+            + ca.mtimes(ca.pinv(model.mechanism.spread).T, guide["pushed"]),
+            lowest=gains["lowest"],
         )
-        command, y = model.function()(command, row, parameters)
+        command, y = model.function()(was["command"], row, parameters)
         sent = model.y.parts(y)
         at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > AT_END
-        positions = read_function(states)(sent["positions"], came["state"], of_filter)
+        positions = read_function(states)(sent["positions"], came["state"], gains["of_filter"])
         following = self.kernel_state.joined(
-            **{name: guided[name] for name in GUIDED},
-            last=came["state"][model.free],
+            **{name: guide[name] for name in GUIDED},
+            last=angles,
             mapped=mapped,
             at_end=ca.dot(at_end, at_end) > 0,
             started=ca.MX(1),
@@ -290,62 +289,70 @@ class LiveModel:
         return ca.Function("believed", [state, known.symbols, derived], outputs)
 
 
-def guide_function(nf: int) -> ca.Function:
-    """Return the function of one sample of the reference and its motion, the correction, and the
-    torque of feedback, for `nf` joints.
+def guided(
+    was: Mapping[str, Vector],
+    gains: Mapping[str, Vector],
+    *,
+    angles: Vector,
+    desired: Vector,
+    dt: Scalar,
+    trusted: Scalar,
+    free: Scalar,
+    winds: Scalar,
+) -> dict[str, Vector]:
+    """Return one sample of the reference and its motion, the correction, and the torque of
+    feedback, as expressions, (n_free,) each.
+
+    Args:
+        was: state before, by the names of `GUIDED`; `last` angles and whether it `started`.
+        gains: by the names of `OF_EACH`.
+        angles: estimated angles [rad], (n_free,).
+        desired: angles within the stops [rad], (n_free,).
+        dt: length of the sample [s].
+        trusted: whether the estimate is known.
+        free: whether nothing is touched.
+        winds: whether the correction may grow.
     """
-    of_all = dict.fromkeys(("dt", "trusted", "winds", "free", "started_before"), 1)
-    before = (f"{name}_before" for name in (*GUIDED, "last"))
-    sizes = dict.fromkeys(("desired", "angles", *before, *OF_EACH), nf) | of_all
-    v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    dt = v["dt"]
-    angles = v["angles"]
-    trusted = v["trusted"]
-    started = v["started_before"]
     safe = ca.fmax(dt, SHORTEST)
     share = dt / (dt + SMOOTHED)
     # it begins where the joint is, if that is known
-    first = ca.if_else(trusted > 0, angles, v["desired"])
-    was, wished = (
-        ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before")
+    first = ca.if_else(trusted > 0, angles, desired)
+    before, wished = (
+        ca.if_else(was["started"] > 0, was[name], first) for name in ("reference", "wished")
     )
-    most = v["fastest"] / RESPONDS
-    behind = wished - was
+    fastest = gains["fastest"]
+    most = fastest / RESPONDS
+    behind = wished - before
     catching_up = limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))
-    rate = limited(
-        limited((v["desired"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"]
-    )
-    rate = v["rate_before"] + limited(rate - v["rate_before"], most * dt)
-    reference = was + rate * dt
-    speed = v["speed_before"] + share * (rate - v["speed_before"])
-    change = (speed - v["speed_before"]) / safe - v["acceleration_before"]
-    turning = started * (angles - v["last_before"]) / safe
+    rate = limited(limited((desired - wished) / safe, fastest) + catching_up, fastest)
+    rate = was["rate"] + limited(rate - was["rate"], most * dt)
+    reference = before + rate * dt
+    speed = was["speed"] + share * (rate - was["speed"])
+    change = (speed - was["speed"]) / safe - was["acceleration"]
     made = feedback_torques(
-        v,
-        before={name: v[f"{name}_before"] for name in REMEMBERED},
+        gains,
+        before=was,
         error=reference - angles,
-        lag=speed - turning,
+        lag=speed - was["started"] * (angles - was["last"]) / safe,
         dt=dt,
         trusted=trusted,
         # what presses on what is touched does not wind up
-        free=v["free"],
+        free=free,
     )
     correction = limited(
-        v["correction_before"] + v["winds"] * v["follow"] * made.errors * dt,
-        v["correction_limit"],
+        was["correction"] + winds * gains["follow"] * made.errors * dt, gains["correction_limit"]
     )
-    found = {
-        "wished": v["desired"],
+    return {
+        "wished": desired,
         "reference": reference,
         "rate": rate,
         "speed": speed,
-        "acceleration": v["acceleration_before"] + share * change,
+        "acceleration": was["acceleration"] + share * change,
         "correction": correction,
         **made.after,
-        "correcting": (correction - v["correction_before"]) / safe,
+        "correcting": (correction - was["correction"]) / safe,
         "pushed": -made.torques,
     }
-    return ca.Function("guide", list(v.values()), list(found.values()), list(v), list(found))
 
 
 def read_function(states: StateVector) -> ca.Function:
