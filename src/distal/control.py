@@ -542,8 +542,23 @@ def run_controller(
     Raises:
         ControlError: the controller failed, or asked for what is not possible.
     """
-    tell = _encoder(plant, encoder_step) if feedback == ENCODER else _estimator(plant.rig, feedback)
-    return _run(plant, controller, tell, feedback, seed)
+    name = "inextensible" if feedback == RATIO else feedback
+    if name not in (ENCODER, *ESTIMATORS):
+        allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
+        raise ControlError(
+            f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}"
+        )
+    if name == ENCODER:
+        std = encoder_step * quantisation_variance(1.0) ** 0.5
+
+        def tell(stamp: float, values: Floats) -> Reading:
+            angles = quantised_values(plant.angles, encoder_step).tolist()
+            return Reading(stamp, tuple(angles), (std,) * len(angles), "ok")
+
+        return _run(plant, controller, tell, feedback, seed)
+    monitor = Monitor(LiveEstimator(plant.rig, name))
+    at = [plant.rig.sensor_names.index(channel) for channel in monitor.channels]
+    return _run(plant, controller, lambda t, read: monitor.take(t, read[at]), feedback, seed)
 
 
 def _run(
@@ -587,33 +602,6 @@ def _run(
     }
     log = plant.log()
     return ClosedLoop(plant.rig, log, feedback, times, angles, estimates, stds, commands, {})
-
-
-def _encoder(plant: SteppedPlant, step: float) -> Teller:
-    """Return the function (stamp, sample) → the reading of encoders of the true angles, with a step
-    [rad].
-    """
-
-    std = step * quantisation_variance(1.0) ** 0.5
-
-    def tell(stamp: float, values: Floats) -> Reading:
-        angles = quantised_values(plant.angles, step).tolist()
-        return Reading(stamp, tuple(angles), (std,) * len(angles), "ok")
-
-    return tell
-
-
-def _estimator(rig: Rig, name: str) -> Teller:
-    """Return the function (stamp, sample) → an estimator's reading of the angles."""
-    name = "inextensible" if name == RATIO else name
-    if name not in ESTIMATORS:
-        allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
-        raise ControlError(
-            f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}"
-        )
-    monitor = Monitor(LiveEstimator(rig, name))
-    at = [rig.sensor_names.index(channel) for channel in monitor.channels]
-    return lambda stamp, values: monitor.take(stamp, values[at])
 
 
 @dataclass(frozen=True)
