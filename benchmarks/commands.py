@@ -34,7 +34,7 @@ from distal import Inverse, Log, Rig
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.inverse import Command, Commands, Feedback
-from distal.inverse.command_trajectory import sent
+from distal.inverse.command_trajectory import followable, sent
 from distal.logs import FROM_SENSOR
 
 Floats = NDArray[np.float64]
@@ -101,7 +101,10 @@ def led(rig: Rig, positions: Floats) -> Floats:
     """Return what is sent so that servos are at places in time."""
     time = np.arange(len(positions)) * PERIOD
     return np.column_stack(
-        [sent(time, positions[:, i], drive) for i, drive in enumerate(rig.drives)]
+        [
+            sent(time, followable(time, positions[:, i], drive), drive)
+            for i, drive in enumerate(rig.drives)
+        ]
     )
 
 

@@ -26,7 +26,6 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators import ESTIMATORS, usual_estimator
 from distal.expressions import Vector
@@ -38,8 +37,6 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.results import (
     BLACK,
-    SOFT,
-    band_colour,
     curve_style,
     figure,
     legend_above,
@@ -165,12 +162,6 @@ class PID:
         law = ca.Function("pid", [angles, memory, reference], [ca.densify(known)])
         self._law = Evaluation(law)
 
-    def part(self, name: str) -> Floats:
-        """Return a part of what the controller remembers, such as "effort", the integral of the
-        error [rad s], "speed" [rad/s], "rests" or "commands".
-        """
-        return self._layout.view(self._memory, name)
-
     def __call__(
         self, time: float, measured: Mapping[str, float], estimate: Reading
     ) -> dict[str, float]:
@@ -180,7 +171,8 @@ class PID:
         if not estimate.unusable:
             desired = references_at(self._joints, time)
             (self._memory,) = self._law(estimate.angles, self._memory, [*desired.values()])
-        return dict(zip(self._rig.drive_names, self.part("commands").tolist()))
+        commands = self._layout.view(self._memory, "commands")
+        return dict(zip(self._rig.drive_names, commands.tolist()))
 
 
 def commanded_forces(
@@ -509,29 +501,26 @@ def closed_loop(
     """
     scenario = as_scenario(scenario)
     rig = as_rig(rig)
-    control = scenario.control
-    length = 0.01 if control is None else control.period
-    if period is not None:
-        try:
-            length = to_si(period, "s")
-        except ValueError as problem:
-            raise ControlError(f"period: {problem}") from None
-    feedback = feedback or (usual_estimator(rig) if control is None else control.feedback)
-    step = ENCODER_STEP if control is None else control.encoder_resolution
-    if controller is not None:
-        plant = ControlledPlant(rig, scenario, length)
-        return run_controller(plant, controller, feedback, seed, encoder_step=step)
-    if control is None:
-        raise ControlError("no controller: give one, or a [control] table in the scenario")
+    control = scenario.control or Control.model_construct(feedback=usual_estimator(rig), joints={})
     joints = control.joints
-    check_names(joints, rig.joint_names, "control.joints", "joint", ControlError)
+    if controller is None:
+        if not joints:
+            raise ControlError("no controller: give one, or a [control] table in the scenario")
+        check_names(joints, rig.joint_names, "control.joints", "joint", ControlError)
+    try:
+        length = control.period if period is None else to_si(period, "s")
+    except ValueError as problem:
+        raise ControlError(f"period: {problem}") from None
+    feedback = feedback or control.feedback
     plant = ControlledPlant(rig, scenario, length)
-    if feedback == COMMAND:
+    if controller is None and feedback == COMMAND:
         controlled = commanded_forces(rig, joints, control.co_contraction)
         run = _run(plant, *controlled, feedback, seed)
     else:
-        pid = PID(rig, joints, length, control.co_contraction)
-        run = run_controller(plant, pid, feedback, seed, encoder_step=step)
+        used = controller or PID(rig, joints, length, control.co_contraction)
+        run = run_controller(plant, used, feedback, seed, encoder_step=control.encoder_resolution)
+    if controller is not None:
+        return run
     references = {name: joint.reference.at(run.time) for name, joint in joints.items()}
     return replace(run, references=references)
 
@@ -553,8 +542,23 @@ def run_controller(
     Raises:
         ControlError: the controller failed, or asked for what is not possible.
     """
-    tell = _encoder(plant, encoder_step) if feedback == ENCODER else _estimator(plant.rig, feedback)
-    return _run(plant, controller, tell, feedback, seed)
+    name = "inextensible" if feedback == RATIO else feedback
+    if name not in (ENCODER, *ESTIMATORS):
+        allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
+        raise ControlError(
+            f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}"
+        )
+    if name == ENCODER:
+        std = encoder_step * quantisation_variance(1.0) ** 0.5
+
+        def tell(stamp: float, values: Floats) -> Reading:
+            angles = quantised_values(plant.angles, encoder_step).tolist()
+            return Reading(stamp, tuple(angles), (std,) * len(angles), "ok")
+
+        return _run(plant, controller, tell, feedback, seed)
+    monitor = Monitor(LiveEstimator(plant.rig, name))
+    at = [plant.rig.sensor_names.index(channel) for channel in monitor.channels]
+    return _run(plant, controller, lambda t, read: monitor.take(t, read[at]), feedback, seed)
 
 
 def _run(
@@ -600,33 +604,6 @@ def _run(
     return ClosedLoop(plant.rig, log, feedback, times, angles, estimates, stds, commands, {})
 
 
-def _encoder(plant: SteppedPlant, step: float) -> Teller:
-    """Return the function (stamp, sample) → the reading of encoders of the true angles, with a step
-    [rad].
-    """
-
-    std = step * quantisation_variance(1.0) ** 0.5
-
-    def tell(stamp: float, values: Floats) -> Reading:
-        angles = quantised_values(plant.angles, step).tolist()
-        return Reading(stamp, tuple(angles), (std,) * len(angles), "ok")
-
-    return tell
-
-
-def _estimator(rig: Rig, name: str) -> Teller:
-    """Return the function (stamp, sample) → an estimator's reading of the angles."""
-    name = "inextensible" if name == RATIO else name
-    if name not in ESTIMATORS:
-        allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
-        raise ControlError(
-            f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}"
-        )
-    monitor = Monitor(LiveEstimator(rig, name))
-    at = [rig.sensor_names.index(channel) for channel in monitor.channels]
-    return lambda stamp, values: monitor.take(stamp, values[at])
-
-
 @dataclass(frozen=True)
 class Tracking:
     """How one joint keeps to its reference.
@@ -669,8 +646,7 @@ axis. Source: layout.
 
 
 def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> Figure:
-    """Draw the reference and, for each feedback, the true angle, its deviation and a command; also
-    the error of the first estimator with its 95 % band.
+    """Draw the reference and, for each feedback, the true angle, its deviation and a command.
 
     The `runs` are of one scenario with different feedbacks; the joint is the first one that is
     controlled.
@@ -694,19 +670,6 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
             effort = next(iter(run.commands.values()))
             # a feedback that chatters stands behind the others
             commands.plot(time, effort, zorder=3 - 0.1 * k, **look)
-        estimated = next((run for run in runs if run.feedback not in (ENCODER, RATIO)), None)
-        if estimated is not None:
-            error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
-            half = BAND * np.rad2deg(estimated.stds[:, j])
-            deviations.plot(
-                time,
-                error,
-                color=SOFT,
-                lw=0.8,
-                label=f"error of {estimated.feedback} and its {COVERED_TEXT} band",
-            )
-            deviations.fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
-            legend_above(deviations)
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0
         angles.set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)

@@ -11,7 +11,7 @@ import pytest
 from distal import LiveInverse, Rig, load_rig, simulate
 from distal.errors import ExportError
 from distal.export import export_c
-from distal.inverse.goal_gate import USUAL
+from distal.inverse.goal_gate import OLDEST
 from distal.run import samples_of
 from tests.export.helpers import needs_compiler, shared_library
 
@@ -105,7 +105,7 @@ def test_c_sends_nothing_before_drives_are_read_and_stands_where_they_are_lost(
     positions = found[:, 0, rig.drive_names.index(moving.of)]
     assert codes[0] == 2
     assert np.isnan(found[0]).all()
-    lost = 100 + round(USUAL.oldest / (log.time[1] - log.time[0]))
+    lost = 100 + round(OLDEST / (log.time[1] - log.time[0]))
     assert not codes[1 : lost - 1].any()
     assert codes[lost + 1 : 160].all()
     assert np.ptp(positions[lost + 1 : 160]) == 0.0

@@ -13,7 +13,7 @@ import pytest
 from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Fault, Routine, RoutineOptions, calibrate
 from distal.hands.calibrate import faults_of, slack_of
-from distal.hands.power_on_routine import sweeps_of
+from distal.hands.power_on_routine import OF_PAIR, sweeps_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig, number
 from tests.support.hands import Driven, calibrated, rig_of, routines_of
@@ -190,7 +190,7 @@ def test_without_a_current_no_motor_pushes_into_its_stop(current: float) -> None
         (positions,), (torque,) = driven.read([[goals["m1"], goals["m2"]]])
         torques.append(np.abs(torque))
     assert set(routine.failed) == {"m1", "m2"}
-    pushed = 0.01 * np.count_nonzero(np.array(torques) > RoutineOptions.of_pair, axis=0)
+    pushed = 0.01 * np.count_nonzero(np.array(torques) > OF_PAIR, axis=0)
     assert pushed.max() < 0.2
 
 
@@ -272,11 +272,11 @@ def test_a_rig_of_sliders_is_refused() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"limits": 50.0}, "must be a torque up to 5 N m, 50.0 came; another unit?"),
+        ({"limits": 50.0}, r"limit of motor 'm1' \[N m\] must be from 0.001 to 5, 50.0 came"),
         ({"limits": {"n1": 0.1}}, "limits: there is no motor 'n1'"),
         ({"limits": {"m1": -1.0}}, "limit of motor 'm1'"),
         ({"order": [["thumb"]]}, "'thumb' is no motor and no joint"),
-        ({"limits": "x"}, "limits must be torques in N m, 'x' came"),
+        ({"limits": "x"}, "limit of motor 'm1' .* must be from 0.001 to 5, 'x' came"),
         ({"speed": -1.0}, r"speed \[rad/s\] must be from 0.05 to 20, -1.0 came"),
         ({"sweeps": 2}, "sweeps must be from 3 to 1000, 2 came"),
         ({"longest": 0.0}, r"longest \[s\] must be from 1 to 3600"),

@@ -23,7 +23,6 @@ def test_of_a_capstan() -> None:
     expected = {
         "command.drives.0.limit": 0.3,
         "command.drives.0.radius": 5e-3,
-        "command.drives.0.most_pull": 60.0,
         "command.drives.0.soft": 0.25,
         "command.drives.0.radius.std": 1e-4,
         "command.lead": 1 / (2 * pi * 8.0) + 5e-3,
@@ -36,6 +35,6 @@ def test_of_a_capstan() -> None:
 
 def test_what_is_not_stated_limits_nothing() -> None:
     found = command_inputs(load_rig("paper-2008").with_values({"drives.left.stops": None}))
-    assert found["command.drives.0.limit"] == found["command.drives.0.most_pull"] == inf
+    assert found["command.drives.0.limit"] == inf
     assert (found["command.drives.0.low"], found["command.drives.0.high"]) == (-inf, inf)
     assert found["command.lead"] == 0.0

@@ -11,11 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import load_rig
-from distal.inverse.goal_gate import USUAL, GoalGate
+from distal.inverse.goal_gate import AGREES, ARRIVED, LAG, OLDEST, PATIENCE, GoalGate
 from distal.logs import Limits
 
 PERIOD = 0.01
-LAG, OLDEST, ARRIVED = USUAL.lag, USUAL.oldest, USUAL.arrived
 AHEAD = 2 * ARRIVED
 FOUR = "finger-2n"
 """A rig of two motors at one joint, and two at another."""
@@ -52,7 +51,7 @@ def test_nothing_is_sent_before_the_first_reading_of_a_motor() -> None:
     loop = Loop(FOUR)
     (sent,) = loop.run(1, [[0.0, nan, 0.0, 0.0]], 1e-3)
     assert np.isfinite(sent).tolist() == [True, False, True, True]
-    assert loop.gate.unread == ["mcp_e"]
+    assert loop.gate.unread == "mcp_e"
 
 
 def test_what_is_no_number_is_not_sent() -> None:
@@ -64,7 +63,7 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
     stops = {f"drives.{i}.stops": [-0.01, 0.01] for i in range(4)}
     assert (np.abs(Loop(FOUR, **stops).run(1, 0.0, 5.0)) < 0.02).all()
     _, sent = Loop(FOUR).run(2, 0.0, [0.0, 5.0])
-    np.testing.assert_allclose(sent, Limits.fastest * 0.01 + USUAL.agrees * FINGER)
+    np.testing.assert_allclose(sent, Limits.fastest * 0.01 + AGREES * FINGER)
 
 
 def test_one_lost_read_changes_nothing() -> None:
@@ -101,7 +100,7 @@ def test_a_motor_that_stands_keeps_its_force_and_after_its_patience_holds_or_rel
     loop = Loop(FOUR, when_lost=when_lost)
     loop.run(30, 0.0, load)
     sent = loop.run(400, nan, nan)
-    np.testing.assert_allclose(sent[: round(USUAL.patience / PERIOD) - 5], load, atol=1e-3)
+    np.testing.assert_allclose(sent[: round(PATIENCE / PERIOD) - 5], load, atol=1e-3)
     np.testing.assert_allclose(sent[-1], load if when_lost == "hold" else 0.0, atol=1e-3)
     assert ("gives way" in loop.gate.note) == (when_lost == "relax")
 
@@ -228,11 +227,11 @@ def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
     gate, time, before = GoalGate(load_rig(FOUR)), 0.0, nan
     for position, goal, dt in rows:
         time += dt
-        gate.read(time, np.array([position, 0.0, 0.0, 0.0]))
+        gate.read(time, np.array([position, 0.0, 0.0, 0.0]), np.full(4, nan))
         sent = gate.passed(time, np.full(4, goal))
         assert not np.isinf(sent).any()
         if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
-            most = Limits.fastest * min(dt, OLDEST) + USUAL.agrees * FINGER[1] + 1e-9
+            most = Limits.fastest * min(dt, OLDEST) + AGREES * FINGER[1] + 1e-9
             assert abs(sent[1] - before) <= most or abs(sent[1]) <= max(abs(before), most)
         before = float(sent[1])
 

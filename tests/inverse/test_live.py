@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy, deepcopy
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +17,16 @@ from distal import Inverse, LiveInverse, load_rig
 from distal.errors import CommandError
 from distal.inverse import Command, Feedback
 from distal.inverse.command_trajectory import followable, sent
-from distal.inverse.live_inverse import ACROSS, LEAVES, RESPONDS, SMOOTHED, guide_function, readings
+from distal.inverse.live_inverse import (
+    ACROSS,
+    GUIDED,
+    LEAVES,
+    OF_EACH,
+    RESPONDS,
+    SMOOTHED,
+    guided,
+    readings,
+)
 from tests.learned_maps import constant_map
 from tests.support.commands import driven, hunts, inextensible, live_law, run
 from tests.support.servo_plants import PERIOD, Ropes
@@ -90,9 +100,11 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
 @given(st.integers(0, 10_000))
 def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    guide = guide_function(1)
-    values = {name: float(rng.normal()) for name in guide.name_in()}
-    positive = ("fastest", *vars(Feedback()))
+    now = ("angles", "desired", "dt", "trusted", "free", "winds")
+    before = (*GUIDED, "last", "started")
+    names = (*now, *OF_EACH, *(f"{name}_before" for name in before))
+    values = {name: float(rng.normal()) for name in names}
+    positive = OF_EACH
     switches = ("trusted", "winds", "started_before", "rests_before")
     values |= {name: abs(values[name]) for name in positive} | {"dt": rng.uniform(0.001, 0.02)}
     values |= {name: float(rng.integers(2)) for name in switches}
@@ -101,7 +113,9 @@ def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
     values["desired"] = values["wished_before"] + rng.normal() * reach
     values["rate_before"] = rng.normal() * values["fastest"]
     values["angles"] = values["reference_before"] + rng.normal() * values["deadband"]
-    found = guide(**values)
+    was = {name: ca.DM(values[f"{name}_before"]) for name in before}
+    gains = {name: ca.DM(values[name]) for name in OF_EACH}
+    found = guided(was, gains, **{name: ca.DM(values[name]) for name in now})
     for name, expected in naive_guide(values).items():
         assert float(found[name]) == pytest.approx(expected, rel=1e-9, abs=1e-12), name
 

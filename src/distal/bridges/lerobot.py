@@ -36,8 +36,8 @@ NEAR = 1e-5
 are of single precision)."""
 
 
-New: TypeAlias = dict[str, Floats]
-"""Name of a feature → its values, a row each."""
+New: TypeAlias = dict[int, Floats]
+"""Episode → values of its rows: angles, stds and a word, (k, 2 n_joints + 1)."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def with_angles(
     unread = set((dataset / "data").rglob("*.parquet")) - set(columns)
     if unread:
         raise LogError(f"{min(unread)}: cannot be read, so that its rows would have no angles")
-    values: dict[int, New] = {}
+    values = New()
     try:
         with tempfile.TemporaryDirectory(
             prefix=".distal-", dir=into.parent, ignore_cleanup_errors=True
@@ -107,34 +107,37 @@ def with_angles(
         raise OutputError(f"{into}: {problem.strerror or problem}") from None
     except (KeyError, ValueError) as problem:
         raise LogError(f"{dataset}: not as LeRobot describes its datasets ({problem})") from None
-    codes = np.concatenate([of[WORD] for of in values.values()]).astype(int)
+    codes = np.concatenate([*values.values()])[:, -1].astype(int)
     words = list(HEALTH)
     shares = {words[code]: float(np.mean(codes == code)) for code in np.unique(codes)}
     return Written(into, len(values), len(codes), shares)
 
 
+def _features(values: Floats) -> dict[str, Floats]:
+    """Return name of a feature → its columns of the new values."""
+    n = values.shape[1] // 2
+    return dict(zip(NEW, np.hsplit(values, [n, 2 * n])))
+
+
 def _columns(
     episodes: list[Episode], rig: Rig, scale: float
-) -> dict[Path, dict[int, tuple[Floats, New]]]:
+) -> dict[Path, dict[int, tuple[Floats, Floats]]]:
     """Return file → episode → its stamps [s] and new values, of the rows that were read; NaN for an
     episode that cannot be estimated, with a warning.
     """
-    by_file: dict[Path, dict[int, tuple[Floats, New]]] = {}
+    by_file: dict[Path, dict[int, tuple[Floats, Floats]]] = {}
     problems: dict[Episode, DistalError] = {}
     for episode in episodes:
+        time = np.full(1, np.nan)
+        new = np.full((1, 2 * len(rig.joints) + 1), np.nan)
         try:
             log = read_log(episode, rig)
-            estimated = estimate(log, rig)
+            found = estimate(log, rig)
             words = [word_code(word) for word in log_health(log, rig)]  # type: ignore[arg-type]
             time = log.time
-            angles = scale * estimated.angles
-            stds = scale * estimated.angle_stds
-            codes = np.array(words, dtype=np.float64)
+            new = np.column_stack([scale * found.angles, scale * found.angle_stds, words])
         except DistalError as problem:
             problems[episode] = problem
-            time = codes = np.full(1, np.nan)
-            angles = stds = np.full((1, len(rig.joints)), np.nan)
-        new = {ANGLE: angles, STD: stds, WORD: codes[:, None]}
         by_file.setdefault(episode.path, {})[episode.number] = time, new
     for episode, error in problems.items():
         if len(problems) == len(episodes):
@@ -143,30 +146,26 @@ def _columns(
     return by_file
 
 
-def _extended(
-    target: Path, source: Path, estimates: Mapping[int, tuple[Floats, New]]
-) -> dict[int, New]:
-    """Write a file of a dataset with the new columns, and return episode → its new values."""
+def _extended(target: Path, source: Path, estimates: Mapping[int, tuple[Floats, Floats]]) -> New:
+    """Write a file of a dataset with the new columns, and return its new values."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     table = pq.read_table(source)
     of_episode = table["episode_index"].to_numpy()
     stamps = table["timestamp"].to_numpy().astype(np.float64)
-    values: dict[int, New] = {}
-    columns: New = {}
+    columns = np.empty((len(stamps), 0))
     for number, (time, new) in estimates.items():
+        if not columns.size:
+            columns = np.full((len(stamps), new.shape[1]), np.nan)
+            columns[:, -1] = word_code("bad")
         rows = np.flatnonzero(of_episode == number)
         at = np.searchsorted(time, stamps[rows] - NEAR).clip(0, len(time) - 1)
         is_there = np.abs(time[at] - stamps[rows]) <= NEAR
-        values[number] = {}
-        for name, of in new.items():
-            missing = word_code("bad") if name == WORD else np.nan
-            values[number][name] = filled = np.where(is_there[:, None], of[at], missing)
-            columns.setdefault(name, np.zeros((len(stamps), of.shape[1])))[rows] = filled
+        columns[rows[is_there]] = new[at[is_there]]
     metadata = dict(table.schema.metadata or {})
     described = json.loads(metadata.get(b"huggingface", b"{}"))
-    for name, of in columns.items():
+    for name, of in _features(columns).items():
         kind = pa.int64() if name == WORD else pa.float32()
         flat = pa.array(of.ravel()).cast(kind)
         size = of.shape[1]
@@ -179,17 +178,14 @@ def _extended(
     if described:
         metadata[b"huggingface"] = json.dumps(described).encode()
     pq.write_table(table.replace_schema_metadata(metadata), target)
-    return values
+    return {number: columns[of_episode == number] for number in estimates}
 
 
-def _describe(
-    folder: Path,
-    info: dict[str, Any],
-    rig: Rig,
-    values: Mapping[int, New],
-    unit: str,
-) -> None:
+def _describe(folder: Path, info: dict[str, Any], rig: Rig, values: New, unit: str) -> None:
     """Write the new features and their statistics where the dataset has those of its state."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     joints = rig.joint_names
     for name, dtype, names in (
         (ANGLE, "float32", joints),
@@ -199,63 +195,56 @@ def _describe(
         info["features"][name] = {"dtype": dtype, "shape": [len(names)], "names": names}
     _write_json(folder / INFO, info)
     words = {word: code for code, word in enumerate(HEALTH)}
-    _write_json(folder / "meta" / "distal.json", {"rig": rig.name, "unit": unit, "health": words})
-    columns = {name: np.vstack([of[name] for of in values.values()]) for name in NEW}
-    stats = folder / "meta" / "stats.json"
+    meta = folder / "meta"
+    _write_json(meta / "distal.json", {"rig": rig.name, "unit": unit, "health": words})
+    every = np.vstack([*values.values()])
+    stats = meta / "stats.json"
     if stats.is_file():
-        statistics = json.loads(stats.read_text(encoding="utf-8"))
-        like = statistics.get(STATE, {})
-        _write_json(
-            stats, statistics | {name: _statistics(of, of, like) for name, of in columns.items()}
-        )
-    by_episode = folder / "meta" / "episodes_stats.jsonl"
+        of_all = json.loads(stats.read_text(encoding="utf-8"))
+        _write_json(stats, of_all | _statistics(every, every, of_all.get(STATE, {})))
+    by_episode = meta / "episodes_stats.jsonl"
     if by_episode.is_file():
         lines = [json.loads(line) for line in by_episode.read_text(encoding="utf-8").splitlines()]
         for line in lines:
-            of_episode = values.get(line["episode_index"], {})
-            like = line["stats"].get(STATE, {})
-            line["stats"] |= {
-                name: _statistics(of, columns[name], like) for name, of in of_episode.items()
-            }
+            own = values.get(line["episode_index"])
+            if own is not None:
+                line["stats"] |= _statistics(own, every, line["stats"].get(STATE, {}))
         text = "".join(f"{json.dumps(line)}\n" for line in lines)
         by_episode.write_text(text, encoding="utf-8")
-    for path in sorted((folder / "meta" / "episodes").rglob("*.parquet")):
-        _extend_episodes(path, values, columns)
-
-
-def _extend_episodes(path: Path, values: Mapping[int, New], columns: New) -> None:
-    """Write the statistics of episodes into a table of episodes of version 3."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path)
     start = f"stats/{STATE}/"
-    like = [name.removeprefix(start) for name in table.column_names if name.startswith(start)]
-    episodes = table["episode_index"].to_pylist()
-    for name in NEW if like else ():
-        statistics = [_statistics(values[number][name], columns[name], like) for number in episodes]
-        for what in like:
-            column = pa.array([of_episode[what] for of_episode in statistics])
-            table = table.append_column(f"stats/{name}/{what}", column)
-    pq.write_table(table, path)
+    for path in sorted((meta / "episodes").rglob("*.parquet")):
+        table = pq.read_table(path)
+        like = [name.removeprefix(start) for name in table.column_names if name.startswith(start)]
+        numbers = table["episode_index"].to_pylist() if like else []
+        rows = [_statistics(values[number], every, like) for number in numbers]
+        for name in NEW if rows else ():
+            for what in rows[0][name]:
+                column = pa.array([row[name][what] for row in rows])
+                table = table.append_column(f"stats/{name}/{what}", column)
+        pq.write_table(table, path)
 
 
-def _statistics(values: Floats, every: Floats, like: Iterable[str]) -> dict[str, list[float]]:
-    """Return the statistics of values, (k, n), that a feature of the dataset has too; NaN is left
-    out. Where no value is left, they are those of `every` row, with a count of 0.
+def _statistics(
+    values: Floats, every: Floats, like: Iterable[str]
+) -> dict[str, dict[str, list[float]]]:
+    """Return the statistics of each new feature of `values` that a feature of the dataset has too;
+    rows with NaN are left out. Where none is left, they are those of `every` row, with a count of
+    0.
     """
-    rows = values[np.isfinite(values).all(axis=1)]
-    counted = rows if len(rows) else every[np.isfinite(every).all(axis=1)]
+    known = ("min", "max", "mean", "std", "count")
+    kinds = [what for what in like or known if what in known or what[1:].isdigit()]
 
-    def one(what: str) -> list[float]:
+    def one(what: str, rows: Floats, every: Floats) -> list[float]:
+        rows, every = (of[np.isfinite(of).all(axis=1)] for of in (rows, every))
+        counted = rows if len(rows) else every
         if what == "count":
             return [len(rows)]
         if what.startswith("q"):
             return list(np.quantile(counted, float(what[1:]) / 100.0, axis=0))
         return list(getattr(np, what)(counted, axis=0))
 
-    known = ("min", "max", "mean", "std", "count")
-    return {what: one(what) for what in like or known if what in known or what[1:].isdigit()}
+    pairs = zip(_features(values).values(), _features(every).values())
+    return {name: {what: one(what, *own) for what in kinds} for name, own in zip(NEW, pairs)}
 
 
 def _write_json(path: Path, content: object) -> None:

@@ -41,7 +41,8 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
         live = LiveEstimator(self.rig)
         self._monitor = Monitor(live)
         self._units = LogUnits(live.rig, live.channels)
-        self._joints = live.rig.joint_names
+        joints = live.rig.joint_names
+        self._added = [f"{joint}.{what}" for joint in joints for what in ("angle", "angle_std")]
         self._scale = 1.0 / unit_factor(self.unit, "rad")
         self._begun = time.monotonic()
 
@@ -52,11 +53,9 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
         values = {column: observation.get(column.removeprefix(STATE)) for column in columns}
         sample = self._units.sample(stamp, values)
         reading = self._monitor.take(stamp, sample, self._units.remarks)
-        observed = dict(observation)
-        for joint, angle, std in zip(self._joints, reading.angles, reading.angle_stds):
-            observed[f"{joint}.angle"] = self._scale * angle
-            observed[f"{joint}.angle_std"] = self._scale * std
-        return observed
+        pairs = zip(reading.angles, reading.angle_stds)
+        told = [self._scale * value for pair in pairs for value in pair]
+        return observation | dict(zip(self._added, told))
 
     def reset(self) -> None:
         """Forget everything: an episode begins."""
@@ -71,10 +70,6 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
         self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]
     ) -> dict[PipelineFeatureType, dict[str, PolicyFeature]]:
         """Return the features with those that are added."""
-        added = {
-            f"{joint}.{what}": PolicyFeature(type=FeatureType.STATE, shape=(1,))
-            for joint in self._joints
-            for what in ("angle", "angle_std")
-        }
+        added = {name: PolicyFeature(type=FeatureType.STATE, shape=(1,)) for name in self._added}
         observed = PipelineFeatureType.OBSERVATION
         return features | {observed: features.get(observed, {}) | added}

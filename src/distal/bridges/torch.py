@@ -97,6 +97,10 @@ class BatchEstimator:
         estimator: its name; by default that of the rig.
         device: "cpu" or "cuda".
 
+    Attributes:
+        channels: names of the sensors in a sample, in its order.
+        joints: names of the joints, in their order.
+
     Raises:
         EstimationError: n is no whole number from 1, the device is unknown or not there, or the
             estimator cannot run on this rig.
@@ -112,6 +116,8 @@ class BatchEstimator:
             raise EstimationError(f"device: 'cpu' or 'cuda', {device!r} came")
         self.rig = as_rig(rig)
         self._one = one = make_estimator(estimator, self.rig)
+        self.channels = one.channels
+        self.joints = self.rig.joint_names
         self._n = n
         p = one.parameters
         self._xp, self._arrays, self._run = (
@@ -121,16 +127,6 @@ class BatchEstimator:
         )
         self._here: Callable[[Floats | Bools], Floats] = getattr(self._xp, "asnumpy", np.asarray)
         self._begins = np.ones(n, dtype=bool)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample, in its order."""
-        return self._one.channels
-
-    @property
-    def joints(self) -> list[str]:
-        """Names of the joints, in their order."""
-        return self.rig.joint_names
 
     def reset(self, which: Sequence[int] | Bools | None = None) -> None:
         """Let estimators forget everything: their next sample is the first.
@@ -163,9 +159,10 @@ class BatchEstimator:
             values = xp.asarray(samples, dtype=np.float64)
         except (TypeError, ValueError) as problem:
             raise EstimationError(f"samples: an array of numbers; {problem}") from None
-        if values.shape != (self._n, len(one.channels)):
+        width = len(self.channels)
+        if values.shape != (self._n, width):
             raise EstimationError(
-                f"samples must have shape ({self._n}, {len(one.channels)}) for {one.channels}, "
+                f"samples must have shape ({self._n}, {width}) for {self.channels}, "
                 f"{values.shape} came"
             )
         parts = predictions(dt, one.interval) if dt >= SHORTEST else 0
@@ -177,7 +174,6 @@ class BatchEstimator:
         if begins.any():
             self._begin(begins, self._here(values))
         kernel_state, x, y = self._arrays
-        width = len(one.channels)
         # views, (n_x, groups, lanes)
         steps, given, mask = xp.split(xp.moveaxis(x, 1, 0), (1, 1 + width))
         padded = xp.full((steps.size, width), np.nan)
@@ -206,14 +202,10 @@ class BatchEstimator:
 
         means = rows(kernel_state, range(n))
         spreads = rows(kernel_state, range(first, first + n * n, n + 1))
-        angles = means[:, :joints].copy()
-        variances = spreads[:, :joints].copy()
-        report = self._one.report.only(range(joints))
-        if report.states:
-            at = list(report.states)
-            gains = rows(y, report.gains)
-            angles[:, at] = rows(y, report.values)
-            variances[:, at] = variances[:, at] * gains * gains + rows(y, report.variances)
+        report = self._one.report
+        ys = rows(y, range(y.shape[1])) if report.states else y
+        angles = report.means(means, ys)[:, :joints]
+        variances = report.variances_of(spreads, ys)[:, :joints]
         is_finite = (xp.isfinite(means) & xp.isfinite(spreads)).all(axis=1)
         lost = ~is_finite | (abs(angles) > LARGEST_ANGLE).any(axis=1)
         self._begins = self._here(lost) > 0

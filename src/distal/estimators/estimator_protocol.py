@@ -355,7 +355,7 @@ class Report:
         """
         if not self.states:
             return means
-        reported = np.array(means)
+        reported = means.copy()
         reported[:, self.states] = ys[:, self.values]
         return reported
 
@@ -365,7 +365,7 @@ class Report:
         """
         if not self.states:
             return variances
-        reported = np.array(variances)
+        reported = variances.copy()
         gains = ys[:, self.gains]  # in the order in which `covariances` multiplies, to the last bit
         reported[:, self.states] = reported[:, self.states] * gains * gains + ys[:, self.variances]
         return reported

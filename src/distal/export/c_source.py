@@ -27,7 +27,7 @@ from distal.estimators import (
 from distal.estimators.estimator_protocol import MOST_BRIDGES, SPLIT
 from distal.homing import homing_filter
 from distal.inverse.feedforward import ROUNDS
-from distal.inverse.goal_gate import MotorReadings, columns_of, crossed_joints
+from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.live_inverse import LiveModel, live_parameters
 from distal.kernels.layout import MISSING, READ, Layout
 from distal.logs import LARGEST_READING, check_outputs, shown, write_together
@@ -653,9 +653,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     model = layout.model
     emitter = Emitter(real)
     advance = emitter.add(layout.function(), in_place=True)
-    crossed = crossed_joints(rig)
-    moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
-    together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
+    moves = crossed_joints(rig) @ (np.array(model.mechanism.spread) != 0.0)
+    gate = GoalGate(rig)
     fields = fields_of(estimator)
     state = layout.x["state"].start
     trusted = (
@@ -681,9 +680,9 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "known": " && ".join(trusted),
         "free": model.free,
         "positions": columns_of(rig, estimator.channels, "position").tolist(),
-        "oldest": MotorReadings(rig).oldest,
+        "oldest": gate.oldest,
         "moves": moves.tolist(),
-        "together": together.tolist(),
+        "together": gate.together.tolist(),
         "first": ROUNDS,
         "advance": advance,
         **positions("c", layout.kernel_state),

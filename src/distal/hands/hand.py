@@ -6,11 +6,11 @@ imports no SDK.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import degrees, inf, isfinite, isnan, nan, radians
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from distal.errors import CommandError, DistalError, EstimationError, did_you_me
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.power_on_routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
-from distal.inverse.goal_gate import GoalGate
+from distal.inverse.goal_gate import GoalGate, by_drive
 from distal.logs import check_outputs, write_log
 from distal.rig import Rig, as_rig, log_factor
 from distal.rig.plausibility import KNOWN
@@ -50,41 +50,31 @@ class Motors(Protocol):
         """Send goals: motor → angle, in the unit in which its position is read."""
 
 
-class Numbered(Protocol):
-    """Part of an ORCA hand's configuration that is used here."""
-
-    motor_ids: Sequence[int]
-    max_current: float
-
-
-@runtime_checkable
-class OrcaLike(Protocol):
-    """Part of `orca_core.OrcaHand` (0.4 on) that is used here: motors by number, radians,
-    milliamperes.
-    """
-
-    config: Numbered
-
-    def get_motor_pos(self) -> Iterable[float]:
-        """Return positions [rad], in the order of `config.motor_ids`."""
-
-    def get_motor_current(self) -> Iterable[float]:
-        """Return currents [mA], in that order."""
-
-    def get_motor_temp(self) -> Iterable[float]:
-        """Return temperatures [°C], in that order."""
-
-    def write_motor_pos(self, motor_ids: list[int], positions: list[float]) -> None:
-        """Send angles [rad], the `positions` of these motors."""
-
-    def set_max_current(self, current: list[float]) -> None:
-        """Limit the motors' currents [mA]."""
+ORCA_METHODS = (
+    "get_motor_pos",
+    "get_motor_current",
+    "get_motor_temp",
+    "write_motor_pos",
+    "set_max_current",
+)
+"""Methods of `orca_core.OrcaHand` (0.4 on) that are used here: motors by number, radians,
+milliamperes.
+"""
 
 
 class OrcaMotors:
-    """The motors of an ORCA hand, as columns of a rig made by `from_orca`."""
+    """The motors of an ORCA hand, as columns of a rig made by `from_orca`.
 
-    def __init__(self, hand: OrcaLike, rig: Rig) -> None:
+    Raises:
+        EstimationError: its SDK is too old, or its motors are not the rig's.
+    """
+
+    def __init__(self, hand: Any, rig: Rig) -> None:
+        for method in ORCA_METHODS:
+            if not hasattr(hand, method):
+                raise EstimationError(
+                    f"{type(hand).__name__} has no {method}: it needs orca_core 0.4.0 or newer"
+                )
         self._hand = hand
         self._ids = [int(number) for number in hand.config.motor_ids]
         self._names = [f"motor_{number}" for number in self._ids]
@@ -103,10 +93,12 @@ class OrcaMotors:
         currents = list(self._hand.get_motor_current())
         if not (answered and self._answered()):
             return {}
-        readings = dict[str, float | None]()
-        for name, position, current in zip(self._names, positions, currents):
-            readings |= {f"{name}_position": position, f"{name}_current": current}
-        return _present(readings)
+        columns = [f"{name}_{what}" for what in ("position", "current") for name in self._names]
+        return {
+            column: float(value)
+            for column, value in zip(columns, [*positions, *currents])
+            if value is not None and not isnan(value)
+        }
 
     def _answered(self) -> bool:
         """Return whether the last read succeeded: where it failed, the SDK returns old values."""
@@ -125,7 +117,7 @@ class OrcaMotors:
 
     def temperatures(self) -> dict[str, float]:
         """Return motor → temperature [°C]."""
-        return _present(dict(zip(self._names, self._hand.get_motor_temp())))
+        return dict(zip(self._names, self._hand.get_motor_temp()))
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send goals: motor → angle [rad]."""
@@ -142,27 +134,12 @@ def motors_of(hand: object, rig: Rig) -> Motors:
     """
     if isinstance(hand, Motors):
         return hand
-    if isinstance(hand, OrcaLike):
-        return OrcaMotors(hand, rig)
     if hasattr(getattr(hand, "config", None), "motor_ids"):
-        methods = [name for name in vars(OrcaLike) if not name.startswith("_")]
-        lacks = [name for name in methods if not hasattr(hand, name)]
-        raise EstimationError(
-            f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core 0.4.0 or newer"
-        )
+        return OrcaMotors(hand, rig)
     raise EstimationError(
         f"{type(hand).__name__} is no hand that distal knows: give an OrcaHand of orca_core, or an "
         "object with the methods of distal.hands.Motors, as in examples/hands/aero_motors.py"
     )
-
-
-def _present(values: Mapping[str, float | None]) -> dict[str, float]:
-    """Return the values that are there."""
-    return {
-        name: float(value)
-        for name, value in values.items()
-        if value is not None and not isnan(value)
-    }
 
 
 HOT = 65.0
@@ -229,6 +206,9 @@ class Hand:
         rig: of that hand, best after `power_on` or `distal calibrate`.
         compensated: whether torque constants follow the motors' temperatures.
 
+    Attributes:
+        rig: description of the hand, after `power_on` the calibrated one.
+
     Raises:
         EstimationError: the hand is of no known kind, or its motors are not the rig's.
         RigError: the rig is unknown or wrong.
@@ -254,7 +234,7 @@ class Hand:
         """Begin with a description of the hand, or go on with another one: the motors stay in the
         turns in which they are by the `units`.
         """
-        self._rig = rig
+        self.rig = rig
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         # its ranges are those of the rig that was found, by which a motor's turn is known
@@ -276,19 +256,19 @@ class Hand:
         """
         time = clock.monotonic() if time is None else time
         sample, problem = self._sample(time)
-        believed = self._gate.believed(time, sample, self._live.channels)
         self._gate.heated(tuple(self._hot))
         if self._inverse is None:
+            self._gate.believed(time, sample, self._live.channels)
             self._reading = self._monitor.take(time, sample)
             self._held_back = self._gate.note
-            self._limit({})
+            self._limit()
         else:
-            command = self._inverse.step(time, self._desired, believed)
+            command = self._inverse.step(time, self._desired, sample)
             self._reading = command.reading
             self._held_back = command.note
-            names = self._rig.drive_names
-            self._inverse.confirm(self._write(dict(zip(names, command.positions.tolist()))))
-            self._limit(dict(zip(names, self._inverse.holding.tolist())))
+            names = self.rig.drive_names
+            self._gate.confirm(self._write(dict(zip(names, command.positions.tolist()))))
+            self._limit(self._gate.holding)
         for motors, what in (
             (self._units.restarts, " counts from another turn: it restarted"),
             (self._units.in_doubt, ": in which of its turns, is not known; it gets no goal"),
@@ -322,7 +302,7 @@ class Hand:
                 f"'{next(iter(values))}' was read, no column of the rig: "
                 f"{', '.join(self._units.columns[:4])}, …"
             )
-        positions = self._rig.sensors_of("position")
+        positions = self.rig.sensors_of("position")
         self._silent = tuple(s.of for s in positions if s.log_column not in read)
         try:
             temperatures = self._temperatures if self._compensated else None
@@ -342,7 +322,7 @@ class Hand:
             self._temperatures = {
                 name: float(value)
                 for name, value in self._motors.temperatures().items()
-                if name in self._rig.drive_names
+                if name in self.rig.drive_names
                 and isinstance(value, (int, float, np.number))
                 and abs(value) <= HOTTEST
             }
@@ -362,16 +342,11 @@ class Hand:
         return self._degrees(self._reading.angle_stds)
 
     def _degrees(self, values: tuple[float, ...]) -> dict[str, float]:
-        return dict(zip(self._rig.joint_names, map(degrees, values)))
+        return dict(zip(self.rig.joint_names, map(degrees, values)))
 
     @property
     def _hot(self) -> dict[str, float]:
         return {name: value for name, value in self._temperatures.items() if value > HOT}
-
-    @property
-    def rig(self) -> Rig:
-        """Description of the hand, after `power_on` the calibrated one."""
-        return self._rig
 
     def health(self) -> HandHealth:
         """Return the state of the hand at the last `update`."""
@@ -401,14 +376,14 @@ class Hand:
         if self._units.in_doubt:
             names = ", ".join(self._units.in_doubt)
             raise CommandError(f"in which of its turns {names} is, is not known: call power_on")
-        unknown = _without_zero(self._rig)
+        unknown = _without_zero(self.rig)
         if unknown:
             raise CommandError(
                 f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent: "
                 "call power_on, or take the rig that distal calibrate wrote"
             )
-        ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
-        angles = dict(zip(self._rig.joint_names, self._reading.angles))
+        ranges = {joint.name: joint.travel for joint in self.rig.joints if joint.coupled is None}
+        angles = dict(zip(self.rig.joint_names, self._reading.angles))
         desired = {name: angles[name] for name in ranges} | self._desired
         for name, angle in positions.items():
             if name in angles and name not in ranges:
@@ -427,7 +402,7 @@ class Hand:
             desired[name] = radians(float(np.clip(angle, low, high)))
         self._desired = desired
         if self._inverse is None:
-            self._inverse = LiveInverse(self._rig, compiled=self._compiled, gate=self._gate)
+            self._inverse = LiveInverse(self.rig, compiled=self._compiled, gate=self._gate)
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
 
     @property
@@ -440,7 +415,7 @@ class Hand:
         """Motor → what its sensor reads where the rig has zero, in the unit of the log: it changes
         where the motor counts from another turn.
         """
-        return {s.of: self._units.logged(s.name, 0.0) for s in self._rig.sensors_of("position")}
+        return {s.of: self._units.logged(s.name, 0.0) for s in self.rig.sensors_of("position")}
 
     def relax(self) -> None:
         """Drop all desired angles: `update` then sends no goals."""
@@ -458,7 +433,7 @@ class Hand:
         held_back.update(self._units.in_doubt)
         sent = {
             sensor.of: self._units.logged(sensor.name, goals[sensor.of])
-            for sensor in self._rig.sensors_of("position")
+            for sensor in self.rig.sensors_of("position")
             if isfinite(goals[sensor.of]) and sensor.of not in held_back
         }
         try:
@@ -470,16 +445,13 @@ class Hand:
             return False
         return True
 
-    def _limit(self, holding: Mapping[str, float]) -> None:
+    def _limit(self, holding: Floats | float = inf) -> None:
         """Limit the torques of motors that stand [N m] to what they hold, where servos have a
         limit.
         """
-        floor = {sensor.of: CLEARLY * sensor.noise for sensor in self._rig.sensors_of("force")}
-        limits = {
-            name: torque + floor.get(name, 0.0)
-            for name, torque in holding.items()
-            if isfinite(torque)
-        }
+        most = holding + CLEARLY * by_drive(self.rig, "force", lambda sensor: sensor.noise, 0.0)
+        torques = zip(self.rig.drive_names, most.tolist())
+        limits = {name: torque for name, torque in torques if isfinite(torque)}
         if limits == self._limits or not hasattr(self._motors, "limit_torques"):
             return
         try:
@@ -518,14 +490,14 @@ class Hand:
         """
         if record is not None:
             check_outputs([Path(record)])
-        routine = Routine(self._rig, options)
+        routine = Routine(self.rig, options)
         shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it
-        self._units = LogUnits(self._rig, self._live.channels, ranged=False, doubting=False)
+        self._units = LogUnits(self.rig, self._live.channels, ranged=False, doubting=False)
         begin = now()
         try:
             while not routine.done:
-                self._limit({})  # that of motors that stood
+                self._limit()  # that of motors that stood
                 time = now() - begin
                 sample, _ = self._sample(time)
                 for name, value in self._hot.items():
@@ -544,38 +516,28 @@ class Hand:
                 raise
         finally:
             units = self._units
-            self._units = self._units.followed_by(self._rig)
-        if routine.aborted:
-            self._write(routine.goals)  # before anything that may fail
-        problem = self._recorded(routine, record)
+            self._units = self._units.followed_by(self.rig)
+        notes = list[str]()
+        if record is not None and any(map(isfinite, routine.goals.values())):
+            try:
+                write_log(routine.log(), self.rig, record)
+            except DistalError as problem:  # it does not end a calibration
+                notes.append(f"the record was not kept: {problem}")
         if routine.aborted:
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
-        if len(routine.failed) == len(self._rig.drives):
+        if len(routine.failed) == len(self.rig.drives):
             why = "; ".join(f"{name}: {said}" for name, said in routine.failed.items())
             raise CommandError(f"no motor came to the end of its power-on routine: {why}")
-        found = calibrate(routine.log(), self._rig, stopped=routine.failed)
+        found = calibrate(routine.log(), self.rig, stopped=routine.failed)
         self._use(found.rig, units)
-        return replace(found, notes=(*found.notes, problem)) if problem else found
-
-    def _recorded(self, routine: Routine, record: str | Path | None) -> str:
-        """Write what a routine read, and return what went wrong, in words: a failure here does not
-        end a calibration.
-        """
-        if record is None or not any(map(isfinite, routine.goals.values())):
-            return ""
-        try:
-            write_log(routine.log(), self._rig, record)
-        except DistalError as problem:
-            return f"the record was not kept: {problem}"
-        return ""
+        return replace(found, notes=(*found.notes, *notes))
 
 
 def _without_zero(rig: Rig) -> list[str]:
     """Return the motors whose zero is known to no better than `KNOWN` at their joints."""
-    zeros = {sensor.of: sensor.bias.total_std for sensor in rig.sensors_of("position")}
+    zeros = by_drive(rig, "position", lambda sensor: sensor.bias.total_std, inf)
     return [
         drive.name
-        for drive in rig.drives
-        if zeros.get(drive.name, inf) * drive.lever / rig.tendons_of(drive.name)[0].total_arm
-        > KNOWN
+        for drive, std in zip(rig.drives, zeros)
+        if std * drive.lever / rig.tendons_of(drive.name)[0].total_arm > KNOWN
     ]

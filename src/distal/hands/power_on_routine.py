@@ -66,8 +66,8 @@ class Sweep:
 
 
 def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
-    """Return the sweeps of a motor in a log, of which the first begins anywhere; a motor that meets
-    no end either way may have two.
+    """Return the sweeps of a motor in a log without gaps, of which the first begins anywhere; a
+    motor that meets no end either way may have two.
 
     Raises:
         LogError: its angle or torque is not in the log, or it sweeps less than `FEWEST_SWEEPS`
@@ -76,14 +76,10 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     position, torque = sweep_channels_of(rig, drive)
     positions = log.channels[position]
     torques = log.channels[torque]
-    known = np.isfinite(positions) & np.isfinite(torques)
-    if not known.any():
-        raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
-    rows = np.flatnonzero(known)
-    positions = positions[rows]
-    torques = torques[rows]
+    if not np.isfinite([positions, torques]).all():
+        raise LogError(f"{log.source}: '{position}' or '{torque}' is never there")
     sweeps = [
-        _sweep(positions[begin : end + 1], torques[begin : end + 1], int(rows[end]))
+        _sweep(positions[begin : end + 1], torques[begin : end + 1], end)
         for begin, end in pairwise(_turning(positions, travel_of(rig, drive)))
     ]
     if sweeps:
@@ -208,59 +204,84 @@ def _sweep(positions: Floats, torques: Floats, end: int) -> Sweep:
     return Sweep(way, end, level, noise, way * contact, resisted)
 
 
+OF_PAIR = 0.15
+"""Usual torque at which a sweep of a motor with a pair of tendons turns back [N m]. Source:
+judgement.
+"""
+
+OF_SINGLE = 0.35
+"""Usual torque at which a sweep of a motor with one tendon against springs turns back [N m].
+Source: judgement.
+"""
+
+SLOWS = 1.2
+"""A motor slows down near its limit: the share of its speed is this less torque/limit, at most 1
+[1]. Source: judgement.
+"""
+
+SLOWEST = 0.25
+"""Least such share [1]. Source: judgement."""
+
+HELD = 0.03
+"""Time for which a motor's torque has to stay above its limit until the sweep turns back [s].
+Source: judgement.
+"""
+
+LONGEST_SWEEP = 1.3
+"""Travel after which a sweep that meets no end turns back, in multiples of what the joints' ranges
+need [1]; `MARGIN` is added. Source: judgement.
+"""
+
+MARGIN = 0.5
+"""Travel of such a sweep beyond that, and of a motor that lets its one tendon out, beyond the
+ranges [rad]: the tendon is loose there. Source: judgement.
+"""
+
+LEAD = 0.35
+"""Largest distance of a goal from its motor [rad]. Source: judgement."""
+
+SILENT = 0.5
+"""Longest time without an angle or a torque of a motor; after it the motor's routine ends [s].
+Source: judgement.
+"""
+
+STILL = 0.2
+"""Time after which a motor stands [s]. Where it stands though its goal is as far ahead as allowed
+and its torque is below the limit, its routine ends, since it may push with an unknown force.
+Source: judgement.
+"""
+
+CREEPS = 0.01
+"""Motion below which a motor stands still [rad]. Source: judgement."""
+
+FELT = 0.1
+"""Travel after which a motor whose torque still reads 0 has no working torque reading [rad].
+Source: judgement.
+"""
+
+LARGEST_TORQUE = 3.0
+"""Torque at which a motor's routine ends, in multiples of its limit [1]. Source: judgement."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RoutineOptions:
-    """How a routine moves the motors, and when it stops them.
+    """How a routine moves the motors.
 
     Args:
         order: groups of motors or joints; those of a group move at one time. None moves one motor
             after the other, in the rig's order.
-        limits: torque at which a sweep turns back [N m], for all motors or by motor; None takes
-            `of_pair` and `of_single`.
-        of_pair: the usual limit of a motor with a pair of tendons [N m].
-        of_single: that of a motor with one tendon against springs [N m].
+        limits: torque at which a sweep turns back [N m], for all motors or by motor; by default
+            0.15 with a pair of tendons, and 0.35 with one tendon against springs.
         speed: of a motor [rad/s].
-        slows: share of that speed is `slows` − torque/limit, at most 1 [1]: a motor slows down near
-            its limit.
-        slowest: least such share [1].
         sweeps: number of sweeps of each motor.
         longest: time for a sweep [s]; the routine of a motor ends where one takes longer.
-        held: time for which a motor's torque has to stay above its limit until the sweep turns back
-            [s].
-        longest_sweep: travel after which a sweep that meets no end turns back, in multiples of what
-            the joints' ranges need [1]; `margin` is added.
-        margin: travel of such a sweep beyond that, and of a motor that lets its one tendon out,
-            beyond the ranges [rad]: the tendon is loose there.
-        lead: largest distance of a goal from its motor [rad].
-        silent: longest time without an angle or a torque of a motor; after it the motor's routine
-            ends [s].
-        still: time after which a motor stands [s]. Where it stands though its goal is as far ahead
-            as allowed and its torque is below the limit, its routine ends, since it may push with
-            an unknown force.
-        creeps: motion below which a motor stands still [rad].
-        felt: travel after which a motor whose torque still reads 0 has no working torque reading
-            [rad].
-        largest_torque: torque at which a motor's routine ends, in multiples of its limit [1].
     """
 
     order: Sequence[Sequence[str]] | None = None
     limits: float | Mapping[str, float] | None = None
-    of_pair: float = 0.15
-    of_single: float = 0.35
     speed: float = 1.2
-    slows: float = 1.2
-    slowest: float = 0.25
     sweeps: int = 5
     longest: float = 30.0
-    held: float = 0.03
-    longest_sweep: float = 1.3
-    margin: float = 0.5
-    lead: float = 0.35
-    silent: float = 0.5
-    still: float = 0.2
-    creeps: float = 0.01
-    felt: float = 0.1
-    largest_torque: float = 3.0
 
 
 class _Motor:
@@ -275,81 +296,69 @@ class _Motor:
         self.need = travel_of(rig, name)
         self.way = 1
         self.done = 0
-        self.over = 0.0
-        self.silent = 0.0
-        self.position = nan
-        self.goal = nan
-        self.begin = nan
-        self.started = nan
+        self.over = self.silent = self.beyond = self.still = 0.0
+        self.position = self.goal = self.begin = self.started = self.stood_at = nan
         self.ends: dict[int, float] = {}
-        self.beyond = 0.0
-        self.rested = False
-        self.still = 0.0
-        self.stood_at = nan
-        self.felt = False
+        self.rested = self.felt = False
 
     def moved(self, time: float, dt: float, position: float, torque: float, note: str) -> str:
         """Go on by one period, and return why the motor's routine ends; empty where it goes on."""
-        options = self.options
-        if self.silent > options.silent:
+        if self.silent > SILENT:
             note = note or "its angle or its current is missing"
             return f"nothing to go by for {self.silent:.1f} s ({note})"
         if not (isfinite(position) and isfinite(torque)):
             return ""
-        if abs(torque) > options.largest_torque * self.limit:
+        if abs(torque) > LARGEST_TORQUE * self.limit:
             return f"a torque of {abs(torque):.2f} N m; its limit is {self.limit:.2f}"
-        why = self._blind(dt, position, torque)
-        if why:
-            return why
-        self._step(time, dt, position, torque)
-        if not self.rested and time - self.started > options.longest:
-            return f"a sweep took longer than {options.longest:g} s: does it move?"
-        return ""
-
-    def _step(self, time: float, dt: float, position: float, torque: float) -> None:
-        options = self.options
         if not isfinite(self.begin):
             self.goal = self.begin = position
             self.started = time
-        if self.done >= options.sweeps:
-            most = options.speed * dt
+        most = self.options.speed * dt
+        if self.done >= self.options.sweeps:
             self.goal += float(np.clip(self.rest - self.goal, -most, most))
             self.rested = self.rested or (self._stands(dt, position) and self.goal == self.rest)
-            return
+        else:
+            why = self._blind(dt, position, torque)
+            if why:
+                return why
+            self._turn(time, dt, position, torque)
+            share = float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
+            ahead = self.goal + self.way * share * most
+            self.goal = float(np.clip(ahead, position - LEAD, position + LEAD))
+        if not self.rested and time - self.started > self.options.longest:
+            return f"a sweep took longer than {self.options.longest:g} s: does it move?"
+        return ""
+
+    def _turn(self, time: float, dt: float, position: float, torque: float) -> None:
+        """Turn back where the motor met an end, or went as far as it may."""
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
-        met = self.over >= options.held
+        met = self.over >= HELD
         gone = self.way * (position - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
-        times = options.longest_sweep if self.pair or self.way > 0 else 1.0
-        most = times * self.need + options.margin
+        times = LONGEST_SWEEP if self.pair or self.way > 0 else 1.0
+        most = times * self.need + MARGIN
         if self.done == 0:
             most *= 2
         if met or gone > most + self.beyond:
+            self.done += 1
             if not met and self.beyond > 0.0:
                 # it meets no end either way and would only go on turning
-                self.done = options.sweeps
+                self.done = self.options.sweeps + 1
             # the way back is longer by what it went without meeting an end
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = position
             self.way = -self.way
-            self.done += 1
             self.started = time
             self.over = 0.0
-        share = options.slows - self.way * torque / self.limit
-        speed = options.speed * float(np.clip(share, options.slowest, 1.0))
-        ahead = self.goal + self.way * speed * dt
-        self.goal = float(np.clip(ahead, position - options.lead, position + options.lead))
 
     def _blind(self, dt: float, position: float, torque: float) -> str:
         """Return why no torque reading says how hard the motor pushes in a sweep; empty where one
         does.
         """
-        if self.done >= self.options.sweeps:
-            return ""
         self.felt = self.felt or torque != 0.0
-        if not self.felt and abs(position - self.begin) > self.options.felt:
+        if not self.felt and abs(position - self.begin) > FELT:
             return "its current reads 0 while it moves"
-        if self.way * (self.goal - position) < self.options.lead - self.options.creeps:
+        if self.way * (self.goal - position) < LEAD - CREEPS:
             self.stood_at = nan
         if not self._stands(dt, position) or self.way * torque > self.limit:
             return ""
@@ -360,13 +369,12 @@ class _Motor:
         )
 
     def _stands(self, dt: float, position: float) -> bool:
-        """Return whether the motor has stood for as long as `still` says."""
-        if not abs(position - self.stood_at) < self.options.creeps:
-            self.still = 0.0
+        """Return whether the motor has stood for as long as `STILL` says."""
+        if not abs(position - self.stood_at) < CREEPS:
+            self.still = -dt
             self.stood_at = position
-            return False
         self.still += dt
-        return self.still >= self.options.still
+        return self.still >= STILL
 
     @property
     def rest(self) -> float:
@@ -502,33 +510,28 @@ def _checked_limits(rig: Rig, options: RoutineOptions) -> dict[str, float]:
             force was taken.
     """
     check_scales(rig, "a power-on routine with limits of torque", "torque")
-    motors = rig.drive_names
-    asked = {} if options.limits is None else options.limits
-    limits = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(motors, asked)
-    for name, limit in limits.items():
-        if name not in motors:
-            raise CommandError(f"limits: there is no motor '{name}'{did_you_mean(name, motors)}")
-        if isinstance(limit, bool) or not isinstance(limit, (int, float)):
-            raise CommandError(f"limits must be torques in N m, {limit!r} came")
-        if not 0.0 < limit <= STRONGEST:
-            raise CommandError(
-                f"the limit of motor '{name}' must be a torque up to {STRONGEST:g} N m, "
-                f"{limit!r} came; another unit?"
-            )
+    asked = options.limits
+    limits = dict[str, float]()
+    for name in rig.drive_names:
+        usual = OF_PAIR if is_pair(rig, name) else OF_SINGLE
+        limits[name] = usual if asked is None or isinstance(asked, Mapping) else asked
+    if isinstance(asked, Mapping):
+        for name in asked:
+            if name not in limits:
+                raise CommandError(
+                    f"limits: there is no motor '{name}'{did_you_mean(name, limits)}"
+                )
+        limits |= asked
     for what, value, least, most in (
         ("speed [rad/s]", options.speed, 0.05, 20.0),
         ("sweeps", options.sweeps, FEWEST_SWEEPS, 1000),
         ("longest [s]", options.longest, 1.0, 3600.0),
+        *((f"the limit of motor '{n}' [N m]", of, 1e-3, STRONGEST) for n, of in limits.items()),
     ):
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, (int, float))
-            or not least <= value <= most
-        ):
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (is_number and least <= value <= most):
             raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
-    return {
-        name: options.of_pair if is_pair(rig, name) else options.of_single for name in motors
-    } | limits
+    return limits
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:

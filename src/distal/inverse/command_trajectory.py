@@ -39,6 +39,7 @@ from distal.inverse.feedforward import (
     solved,
     traced,
 )
+from distal.inverse.goal_gate import by_drive
 from distal.inverse.live_inverse import readings
 from distal.kernels import (
     Advanced,
@@ -64,12 +65,10 @@ from distal.rig import (
     position_unit,
     std_name,
 )
+from distal.rig.components import Servo
 from distal.run.health import LIMITS
 from distal.simulation.plant import inside_function
 from distal.units import rounded, unit_factor
-
-NAMED_JOINTS = 3
-"""Number of joints that are named as not at their desired angles. Source: layout."""
 
 TINY = 1e-9
 """Difference up to which two positions [m, rad], or two pulls [N], are equal. Source: rounding
@@ -175,6 +174,11 @@ def expected_readings(
     return found
 
 
+def said(time: Floats, at: Bools, words: str) -> list[str]:
+    """Return in words what is so, and when for the first time; nothing where it never is."""
+    return [f"{words}, first at {time[at][0]:.4g} s"] if at.any() else []
+
+
 def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[list[str], Floats]:
     """Return which desired angles lie beyond stops, in words, and the angles limited to the stops,
     (k, n_free) [rad].
@@ -184,23 +188,20 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
         time: stamps [s], (k,).
         desired: angles of the free joints [rad], (k, n_free).
     """
-    joints = model.joints
-    stops = np.array([joint.stops or (-np.inf, np.inf) for joint in joints])
+    stops = np.array([joint.stops or (-np.inf, np.inf) for joint in model.joints])
     held = np.clip(desired, *stops.T)
     notes = []
-    for joint, (low, high), beyond in zip(joints, np.rad2deg(stops), np.abs(held - desired).T):
-        if beyond.max() > TURNS:
-            notes.append(
-                f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its stops "
-                f"({low:.4g} to {high:.4g}°), {_first(time, beyond > TURNS)}"
-            )
+    for name, (low, high), off in zip(model.joint_names, np.rad2deg(stops), (desired - held).T):
+        far = rounded(np.rad2deg(np.abs(off).max()), 3)
+        words = f"{name} is wanted {far}° beyond its stops ({low:.4g} to {high:.4g}°)"
+        notes += said(time, np.abs(off) > TURNS, words)
     return notes, held
 
 
 def not_reached(
     model: CommandModel, time: Floats, desired: Floats, reached: Floats, cut: Bools
 ) -> list[str]:
-    """Return which joints do not reach their desired angles, in words, the farthest first.
+    """Return which joints do not reach their desired angles, in words.
 
     Args:
         model: the inverse of the rig.
@@ -209,23 +210,17 @@ def not_reached(
         reached: angles that the free joints reach with what is sent [rad], (k, n_free).
         cut: where drives cannot do what the desired angles ask for, (k, n_drives).
     """
-    away = np.abs(reached - desired)
-    far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > TURNS]
-    if not far:
-        return []
-    each = [
-        f"{model.joint_names[k]} {rounded(np.rad2deg(away[:, k].max()))}° "
-        f"({_first(time, away[:, k] > TURNS)})"
-        for k in far[:NAMED_JOINTS]
-    ]
-    more = f" and {len(far) - NAMED_JOINTS} more" if len(far) > NAMED_JOINTS else ""
     names = ", ".join(compress(model.rig.drive_names, np.any(cut, axis=0)))
     why = (
-        f"{names} cannot do what is wanted, which leaves joints off by up to"
+        f"{names} cannot do what is wanted"
         if names
-        else "fewer drives than joints, these follow their springs, off by up to"
+        else "joints that outnumber their drives follow their springs"
     )
-    return [f"{why}: {', '.join(each)}{more}"]
+    notes = []
+    for name, away in zip(model.joint_names, np.abs(reached - desired).T):
+        off = rounded(np.rad2deg(away.max()))
+        notes += said(time, away > TURNS, f"{name} is off by up to {off}°, as {why}")
+    return notes
 
 
 def beyond(
@@ -246,42 +241,22 @@ def beyond(
     """
     notes = []
     for i, drive in enumerate(model.rig.drives):
-        unit = effort_unit(drive)
-        largest = np.abs(read["forces"][:, i] + drive.lever * read["short"][:, i]).max()
-        if _is_passed(largest, drive.limit):
-            notes.append(
-                f"{drive.name} would need {largest:.3g} {unit}, its limit is "
-                f"{drive.limit:.3g} {unit}"
-            )
-        reaches = None if drive.servo is None else drive.servo.fastest
-        fastest = np.abs(np.gradient(read["positions"][:, i], time)).max()
-        if _is_passed(fastest, reaches):
-            notes.append(
-                f"{drive.name} would need a speed of {fastest:.3g}, it reaches {reaches:.3g}: it "
-                "is late there"
-            )
-        cut = np.abs(asked[:, i] - read["positions"][:, i]) > TINY
-        if drive.stops is not None and cut.any():
-            low, high = drive.stops
-            notes.append(
-                f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
-                f"{_first(time, cut)}"
-            )
-    for i, tendon in enumerate(model.rig.tendons):
-        slack = read["tensions"][:, i] < 0.5 * min(least, 1e-3)
-        if slack.any():
-            notes.append(f"tendon {tendon.name} goes slack, {_first(time, slack)}")
+        needed = read["forces"][:, i] + drive.lever * read["short"][:, i]
+        speeds = np.gradient(read["positions"][:, i], time)
+        for values, limit, unit in (
+            (needed, drive.limit, effort_unit(drive)),
+            (speeds, (drive.servo or Servo()).fastest, f"{position_unit(drive)}/s"),
+        ):
+            largest = f"{np.abs(values).max():.3g}"
+            if limit is not None and float(largest) > float(f"{limit:.3g}"):
+                words = f"{drive.name} would need {largest} {unit}, its limit is {limit:.3g} {unit}"
+                notes.append(words)
+        low, high = drive.stops or (0.0, 0.0)
+        words = f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}]"
+        notes += said(time, np.abs(asked[:, i] - read["positions"][:, i]) > TINY, words)
+    for tendon, tensions in zip(model.rig.tendon_names, read["tensions"].T):
+        notes += said(time, tensions < 0.5 * min(least, 1e-3), f"tendon {tendon} goes slack")
     return notes
-
-
-def _is_passed(needed: float, limit: float | None) -> bool:
-    """Return whether a limit is passed by as much as the three digits show that are said of it."""
-    return limit is not None and float(f"{needed:.3g}") > float(f"{limit:.3g}")
-
-
-def _first(time: Floats, at: Bools) -> str:
-    """Return in words when something is so for the first time."""
-    return f"first at {time[at][0]:.4g} s"
 
 
 LARGEST_TURN = radians(2.0)
@@ -384,11 +359,9 @@ def position_variances(rig: Rig) -> Floats:
     sensors, (n_drives,) [m², rad²].
     """
     # the largest error by a curve counts as two standard deviations, as in the filter
-    variances = {
-        sensor.of: sensor.bias.total_std**2 + (sensor.linearity / 2) ** 2
-        for sensor in rig.sensors_of("position")
-    }
-    return np.array([variances.get(name, 0.0) for name in rig.drive_names])
+    return by_drive(
+        rig, "position", lambda s: s.bias.total_std**2 + (s.linearity / 2) ** 2, otherwise=0.0
+    )
 
 
 def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
@@ -403,9 +376,10 @@ def followable(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floa
         positions: (k,) [m, rad].
         drive: the drive with its servo.
     """
-    if drive.servo is None or drive.servo.fastest is None:
+    fastest = (drive.servo or Servo()).fastest
+    if fastest is None:
         return positions
-    most = drive.servo.fastest * np.diff(time)
+    most = fastest * np.diff(time)
     forth = _rate_limited(positions, most)
     back = _rate_limited(positions[::-1], most[::-1])[::-1]
     return (forth + back) / 2
@@ -423,22 +397,19 @@ def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
     """Return the setpoints u(t) = s(t + T) + ds/dt(t + T)/(2π f) of a drive that follows positions,
     (k,).
 
-    Its servo has the bandwidth f and the delay T. Without a servo in the rig the positions s are
-    sent as they are.
+    Its servo has the bandwidth f and the delay T; without one the positions s are sent as they are.
 
     Args:
         time: rising stamps [s], (k,).
-        positions: s, (k,) [m, rad].
+        positions: s, no faster than the servo can go, (k,) [m, rad].
         drive: the drive with its servo.
     """
-    servo = drive.servo
-    if servo is None:
-        return positions
+    servo = drive.servo or Servo()
     step = float(np.median(np.diff(time)))
     lag = servo.lag - servo.delay
     # a servo cannot follow a corner: corners are rounded over its lag, so that the lead stays small
     width = 2 * round(lag / step / 2) + 1
-    rounded = uniform_filter1d(followable(time, positions, drive), width, mode="nearest")
+    rounded = uniform_filter1d(positions, width, mode="nearest")
     ahead = np.interp(time + servo.delay, time, rounded)
     speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
     command: Floats = ahead + lag * speed
@@ -479,7 +450,7 @@ class Inverse:
         self.model = model = RestModel(self.rig)
         self.joints = model.joint_names
         """Names of the free joints, whose angles are desired; the other joints follow these."""
-        self._compiled = compiled
+        self._filter = None if self.rig.map is None else AdaptiveFilter(self.rig, compiled)
         self._parameters = model.mechanism.parameters.values[: model.n_parameters]
         self._kernel = kernel_of(structure_of("command", model.mechanism), model.function, compiled)
         self._rest = kernel_of(structure_of("rest", model.mechanism), model.rest_function, compiled)
@@ -525,12 +496,7 @@ class Inverse:
         rested = advance(self._rest, Feed(begin, resting, self._parameters)).ys
         rests, variances = np.hsplit(rested, 2)
         reached = rests + added[:, model.free]
-        ahead = np.column_stack([sent(stamps, *each) for each in zip(positions.T, drives)])
-        soft, dead = (
-            model.of_drives(ca.DM(self._parameters), key).full().ravel() for key in ("soft", "dead")
-        )
-        ahead += soft * read["forces"]
-        ahead += dead * was["drives_turned"]
+        ahead = np.column_stack([sent(stamps, *each) for each in zip(got.T, drives)])
         notes += not_reached(model, stamps, held, reached, cut)
         notes += beyond(model, stamps, read, asked, self.least_tension)
         spread = np.array(model.mechanism.spread)
@@ -542,7 +508,7 @@ class Inverse:
             angles=reached @ spread.T + offsets,
             stds=np.sqrt((np.sqrt(variances) @ np.abs(spread).T) ** 2 + unsure),
             positions=positions,
-            sent=readings(self.rig, ahead),
+            sent=readings(self.rig, ahead + read["gives"]),
             speeds=np.gradient(positions, stamps, axis=0),
             forces=read["forces"],
             tensions=read["tensions"],
@@ -576,11 +542,6 @@ class Inverse:
                 inside = inside_function(model.mechanism)(q, of_rig)
                 kernel_state[layout["inside"]] = inside.full().ravel()
         return advance(self._kernel, Feed(kernel_state, rows, self._parameters))
-
-    @cached_property
-    def _filter(self) -> AdaptiveFilter | None:
-        """The filter whose angles the maps of a fit correct; None where the rig has no map."""
-        return None if self.rig.map is None else AdaptiveFilter(self.rig, self._compiled)
 
     def _added_by_maps(
         self, estimator: AdaptiveFilter, time: Floats, run: Advanced

@@ -1,15 +1,15 @@
 """One sample of the inverse: from desired angles to the setpoints of the drives.
 
-At a desired angle θ, speed ω and acceleration α a joint needs from its tendons the torque  τ = M α
-+ b ω − passive(θ) + d l(T) − τ_ext,  with the inertia M, the damping b, the friction limit l at
-the tensions T, the direction of motion d, and the external torque τ_ext, all as `Mechanism` has
-them (`Balance`). The pulls f solve A
-f = τ with f ≥ f_min. Where tendons are more than the joints and all stay taut, they have the least
-Σ f, a linear programme: at its solution as many pulls are at their minimum as there are more pulls
-than torques (a vertex), and the few sets of pulls that may be are tried one by one, without
-iteration, in exported C too. Each drive goes to the position s at which its tendons pull so by the
-model, T(θ, s) = f. Since T grows with s, Newton's steps within a bracket find it. The internal
-state (backlash, points of sheaths, creep) is kept from sample to sample and follows the commands.
+At a desired angle θ, speed ω and acceleration α a joint needs from its tendons the torque τ = M α +
+b ω − passive(θ) + d l(T) − τ_ext, with the inertia M, the damping b, the friction limit l at the
+tensions T, the direction of motion d, and the external torque τ_ext, all as `Mechanism` has them.
+The pulls f solve A f = τ with f ≥ f_min. Where tendons are more than the joints and all stay taut,
+they have the least Σ f, a linear programme: at its solution as many pulls are at their minimum as
+there are more pulls than torques (a vertex), and the few sets of pulls that may be are tried one by
+one, without iteration, in exported C too. Each drive goes to the position s at which its tendons
+pull so by the model, T(θ, s) = f. Since T grows with s, Newton's steps within a bracket find it.
+The internal state (backlash, points of sheaths, creep) is kept from sample to sample and follows
+the commands.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from distal.model import Mechanism
 from distal.model.parameters import Derived, Symbolic
 from distal.model.tendon_tensions import Pulls
 from distal.rig import Rig, check_scales
+from distal.rig.components import Servo
 from distal.simulation.plant import hysteretic, settled_function
 from distal.units import rounded, to_si
 
@@ -49,278 +50,36 @@ def command_inputs(rig: Rig) -> dict[str, float]:
 
 def _inputs(rig: Rig) -> Iterator[tuple[str, float]]:
     # the slowest drive sets how far ahead angles are commanded
-    yield "lead", max((drive.servo.lag for drive in rig.drives if drive.servo), default=0.0)
+    yield "lead", max((drive.servo or Servo()).lag for drive in rig.drives)
     for j, joint in enumerate(rig.joints):
-        yield from _ends(f"joints.{j}", joint.stops)
+        yield from zip((f"joints.{j}.low", f"joints.{j}.high"), joint.stops or (-inf, inf))
     for d, drive in enumerate(rig.drives):
-        path = f"drives.{d}"
-        limit = inf if drive.limit is None else drive.limit
-        servo = drive.servo
-        yield from _ends(path, drive.stops)
-        yield f"{path}.limit", limit
-        yield f"{path}.radius", drive.lever
-        yield f"{path}.most_pull", limit / drive.lever
-        # so far are pulls commanded above the least tension that all but 2.5 % of the rigs as built
-        # keep it: at a given position, softer tendons pull less, in proportion to their stiffness
+        servo = drive.servo or Servo()
+        low, high = drive.stops or (-inf, inf)
         stiffnesses = [tendon.stiffness for tendon in rig.tendons_of(drive.name)]
         spread = max(stiffness.total_std / stiffness.value for stiffness in stiffnesses)
-        yield f"{path}.margin", 1.0 + BAND * spread
-        # a servo of stiffness K and dead band δ, with the force F in the direction d, is at
-        # s = u − F/K − δ d
-        yield f"{path}.soft", 0.0 if servo is None or not servo.stiffness else 1 / servo.stiffness
-        yield f"{path}.dead", 0.0 if servo is None else servo.dead_band
+        of_drive = {
+            "low": low,
+            "high": high,
+            "limit": inf if drive.limit is None else drive.limit,
+            "radius": drive.lever,
+            # so far are pulls commanded above the least tension that all but 2.5 % of the rigs as
+            # built keep it: at a given position, softer tendons pull less, in proportion to their
+            # stiffness
+            "margin": 1.0 + BAND * spread,
+            # a servo of stiffness K and dead band δ, with the force F in the direction d, is at
+            # s = u − F/K − δ d
+            "soft": 1 / (servo.stiffness or inf),
+            "dead": servo.dead_band,
+        }
+        for key, value in of_drive.items():
+            yield f"drives.{d}.{key}", value
     parameters = Mechanism(rig).parameters
-    for name, std in zip(parameters.names, parameters.independent_stds):
+    for name, std in zip(parameters.names, parameters.independent_stds.tolist()):
         if std > 0.0:
-            yield f"{name}.std", float(std)
+            yield f"{name}.std", std
     for name, (std, _) in parameters.shared.items():
         yield f"shared.{name}.std", std
-
-
-def _ends(path: str, stops: tuple[float, float] | None) -> Iterator[tuple[str, float]]:
-    low, high = stops or (-inf, inf)
-    yield f"{path}.low", low
-    yield f"{path}.high", high
-
-
-def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Function]:
-    """Return a method of a `Balance` as a CasADi function, which is made once for each object.
-
-    The arguments are symbols: `p` are the parameters of the equations, and the others have the
-    shapes in `Balance.shapes`, by their names, or else one number for each drive.
-    """
-
-    def made(balance: Balance) -> ca.Function:
-        _, *names = signature(method).parameters
-        p = balance.mechanism.parameters.symbols
-        symbols = [
-            p if name == "p" else ca.SX.sym(name, *balance.shapes.get(name, (balance.nd,)))
-            for name in names
-        ]
-        outputs = [ca.densify(ca.SX(each)) for each in method(balance, *symbols)]
-        return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
-
-    made.__doc__ = method.__doc__
-    return cached_property(made)
-
-
-class Balance:
-    """Torques and pulls that hold the joints of a rig, as expressions of the joints' angles and the
-    drives' positions.
-
-    A free joint is one whose angle follows no other joint's. The pull f of a drive [N] is the force
-    along its first tendon, at the joint's end, that acts on the joints as all of its tendons do.
-
-    In the functions, θ are the angles of all joints, θ_free, ω_free and α_free angles, speeds and
-    accelerations of the free joints, s the drives' positions, d the directions of motion, from −1
-    to 1, and τ_ext the external torques on all joints.
-    """
-
-    def __init__(self, rig: Rig, folded: bool = False) -> None:
-        self.mechanism = mechanism = Mechanism(
-            rig, remembers=True, derived=Derived(command_inputs(rig), folded)
-        )
-        self.rig = rig
-        self.free = list(mechanism.free)
-        self.joints = [rig.joints[j] for j in self.free]
-        self.joint_names = tuple(joint.name for joint in self.joints)
-        self.nj = mechanism.n_joints
-        self.nd = mechanism.n_drives
-        self.nt = mechanism.n_tendons
-        self.nf = len(self.free)
-        self.n_inside = len(mechanism.parameters.inside)
-        self.tendons_of = [mechanism.pulled_by(self.nj + d) for d in range(self.nd)]
-        self.one_sided = [len(tendons) == 1 for tendons in self.tendons_of]
-        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
-        of_free = ("free", "desired", "speeds", "accelerations", "turned", "torques")
-        self.shapes = dict.fromkeys(of_free, (self.nf,)) | {
-            "angles": (self.nj,),
-            "external": (self.nj,),
-            "arms": (self.nf, self.nd),
-            "shares": (self.nt,),
-            "lowest": (1,),
-        }
-
-    @cached_property
-    def moved_by(self) -> Matrix:
-        """Torque on each free joint per pull of each drive at all angles, by its pattern alone."""
-        q = ca.SX.sym("q", self.nj)
-        s = ca.SX.sym("s", self.nd)
-        return ca.sparsify(self.arms(q, s))
-
-    @cached_property
-    def parts(self) -> list[tuple[list[int], list[int]]]:
-        """Groups of free joints and the drives that move them, which move no other joint: indices
-        among the free joints, and among the drives.
-        """
-        moves = np.array(ca.DM.ones(self.moved_by.sparsity())) > 0.0
-        count, groups = connected_components(moves @ moves.T)
-        joints = [np.flatnonzero(groups == k) for k in range(count)]
-        return [(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist()) for of in joints]
-
-    def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
-        """Return the angles of all joints, (n_joints,) [rad], from those of the `free` joints,
-        (n_free,).
-
-        Without `offsets` it does the same for speeds and accelerations.
-        """
-        mechanism = self.mechanism
-        return ca.mtimes(mechanism.spread, free) + (mechanism.offsets if offsets else 0)
-
-    def _levers(self, angles: Vector, positions: Vector) -> Matrix:
-        return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
-
-    def arms(self, angles: Vector, positions: Vector) -> Matrix:
-        """Return the torque on each free joint per pull of each drive, (n_free, n_drives) [m], at
-        `angles` and `positions`.
-        """
-        first = [tendons[0] for tendons in self.tendons_of]
-        levers = self._levers(angles, positions)[first, : self.nj]
-        return -ca.mtimes(levers, self.mechanism.spread).T
-
-    @traced
-    def pull(self, angles: Vector, positions: Vector, shares: Vector, p: Vector) -> list[Vector]:
-        """Function (θ, s, shares, p) → pulls of the drives [N], and their derivatives by the
-        drives' positions [N/m, N/rad], (n_drives,) each.
-        """
-        tensions = self._pulls_at(angles, positions).joint
-        pulls = ca.vertcat(*(ca.dot(shares[own], tensions[own]) for own in self.tendons_of))
-        return [pulls, ca.jtimes(pulls, positions, ca.SX.ones(self.nd))]
-
-    def _pulls_at(self, angles: Vector, positions: Vector, settled: bool = False) -> Pulls:
-        """Return the pulls of the tendons at rest."""
-        bodies = ca.vertcat(angles, positions)
-        return self.mechanism.pulls(bodies, ca.SX.zeros(self.mechanism.n_bodies), settled=settled)
-
-    @traced
-    def geometry(self, angles: Vector, positions: Vector, p: Vector) -> list[Vector]:
-        """Function (θ, s, p) → moment arms (n_free, n_drives), shares (n_tendons,), and the largest
-        possible derivative of each drive's pull by its position (n_drives,).
-
-        The share of a tendon's tension in its drive's pull is its moment arms projected onto those
-        of the drive's first tendon.
-        """
-        levers = self._levers(angles, positions)
-        shares = ca.SX.ones(self.nt)
-        steepest = ca.SX.zeros(self.nd)
-        for d, tendons in enumerate(self.tendons_of):
-            first = levers[tendons[0], : self.nj]
-            for i in tendons[1:]:
-                shares[i] = ca.dot(levers[i, : self.nj], first) / ca.dot(first, first)
-            for i in tendons:
-                pulled = ca.fabs(shares[i] * levers[i, self.nj + d])
-                steepest[d] += pulled * self.mechanism.stiffest(i)
-        return [self.arms(angles, positions), shares, steepest]
-
-    @traced
-    def needed(
-        self,
-        free: Vector,
-        speeds: Vector,
-        accelerations: Vector,
-        positions: Vector,
-        turned: Vector,
-        external: Vector,
-        p: Vector,
-    ) -> list[Vector]:
-        """Function (θ_free, ω_free, α_free, s, d, τ_ext, p) → torques τ that the tendons have to
-        make, and friction limits, (n_free,) each [N m].
-        """
-        mechanism = self.mechanism
-        q = ca.vertcat(self.all_joints(free), positions)
-        v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
-        pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
-        limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[: self.nj]
-        spread = mechanism.spread
-        moving = mechanism.moving_forces(q, v, self.all_joints(accelerations, False))
-        moving += (mechanism.dampings() * v - mechanism.passive_forces(q))[: self.nj] - external
-        friction = ca.mtimes(ca.fabs(spread).T, ca.vertcat(*(limit.mean for limit in limits)))
-        return [ca.mtimes(spread.T, moving) + turned * friction, friction]
-
-    @traced
-    def driven(
-        self,
-        angles: Vector,
-        positions: Vector,
-        within: Vector,
-        rates: Vector,
-        drives_turned: Vector,
-        p: Vector,
-    ) -> list[Vector]:
-        """Function (θ, s, s limited to its range, ṡ, d of the drives, p) → force of each drive, and
-        tensions at the drives.
-        """
-        mechanism = self.mechanism
-        q = ca.vertcat(angles, positions)
-        v = ca.vertcat(ca.SX.zeros(self.nj), rates)
-        pulls = self._pulls_at(angles, positions)
-        limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
-        friction = [
-            limit.mean * drives_turned[d] + limit.asymmetry * ca.fabs(drives_turned[d])
-            for d, limit in enumerate(limits)
-        ]
-        drag = mechanism.dampings() * v - mechanism.passive_forces(ca.vertcat(angles, within))
-        force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
-        return [force, pulls.drive]
-
-    @traced
-    def tangent(
-        self,
-        free: Vector,
-        pulls: Vector,
-        positions: Vector,
-        turned: Vector,
-        external: Vector,
-        p: Vector,
-    ) -> list[Vector]:
-        """Function (θ_free, f, s, d, τ_ext, p) → residual torque A f − τ of the free joints at
-        rest, and its derivatives by θ_free at constant pulls f.
-        """
-        still = ca.SX.zeros(self.nf)
-        needed, _ = self.needed(free, still, still, positions, turned, external, p)
-        made = ca.mtimes(self.arms(self.all_joints(free), positions), pulls)
-        return [made - needed, ca.jacobian(made - needed, free)]
-
-    def lacking(self, free: Vector, positions: Vector, turned: Vector) -> tuple[Vector, Vector]:
-        """Return the residual torques of joints at rest and their friction limits, (n_free,) each
-        [N m].
-
-        Args:
-            free: angles of the free joints [rad], (n_free,).
-            positions: of the drives [m, rad], (n_drives,).
-            turned: direction in which friction acts, −1 to 1, (n_free,).
-        """
-        still = ca.SX.zeros(self.nf)
-        none = ca.SX.zeros(self.nj)
-        p = self.mechanism.parameters.symbols
-        needed, friction = self.needed(free, still, still, positions, turned, none, p)
-        forces = self._pulls_at(self.all_joints(free), positions, settled=True).forces
-        return ca.mtimes(self.mechanism.spread.T, forces[: self.nj]) - needed, friction
-
-    def number(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
-        """Return the inputs with these `names`, those of `command_inputs` without its prefix, out
-        of all inputs `p`.
-        """
-        return self.mechanism.parameters.of(p, [f"{DERIVED}{name}" for name in names])
-
-    @property
-    def derived(self) -> Floats:
-        """Values of the inputs that `command_inputs` adds to the equations' parameters, (n,), in
-        their order.
-        """
-        parameters = self.mechanism.parameters
-        return parameters.values[[name.startswith(DERIVED) for name in parameters.names]]
-
-    def within_stops(self, angles: Symbolic, p: Symbolic) -> Symbolic:
-        """Return angles of free joints, (n_free,) [rad], limited to their stops."""
-        low, high = (
-            self.number(p, [f"joints.{j}.{end}" for j in self.free]) for end in ("low", "high")
-        )
-        return ca.fmin(ca.fmax(angles, low), high)
-
-    def of_drives(self, p: Symbolic, key: str) -> Symbolic:
-        """Return one input of every drive, (n_drives,), by its key, such as `radius`."""
-        return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
 
 
 def limited(value: Vector, most: Scalar) -> Vector:
@@ -451,11 +210,6 @@ slack or in its backlash) and to the angles at which joints rest. Source: roundi
 change the commands of the shipped rigs by less than 1e-12 m or rad).
 """
 
-FLATTEST = 1e-6
-"""Slope of a pull, as a share of the tendons' stiffness, up to which it counts as zero [1]. Source:
-rounding (division by a slope of zero).
-"""
-
 TINY_PULL = 1e-9
 """Least friction in a transmission that is divided by [N]. Source: rounding (division by a friction
 of zero).
@@ -467,13 +221,64 @@ joints. Source: rounding (further steps change the angles by less than 1e-14 rad
 """
 
 
-class CommandModel(Balance):
+def traced(method: Callable[..., Iterable[Vector]]) -> cached_property[ca.Function]:
+    """Return a method of a `CommandModel` as a CasADi function, which is made once for each object.
+
+    The arguments are symbols: `p` are the parameters of the equations, and the others have the
+    shapes in `CommandModel.shapes`, by their names, or else one number for each drive.
+    """
+
+    def made(model: CommandModel) -> ca.Function:
+        _, *names = signature(method).parameters
+        p = model.mechanism.parameters.symbols
+        symbols = [
+            p if name == "p" else ca.SX.sym(name, *model.shapes.get(name, (model.nd,)))
+            for name in names
+        ]
+        outputs = [ca.densify(ca.SX(each)) for each in method(model, *symbols)]
+        return ca.Function(method.__name__.strip("_"), symbols, ca.cse(outputs))
+
+    made.__doc__ = method.__doc__
+    return cached_property(made)
+
+
+class CommandModel:
     """The inverse of a rig as a kernel: its function, and the layouts of its kernel state, of a
-    desired sample and of its output.
+    desired sample and of its output; and the torques and pulls that hold the joints, as expressions
+    of the joints' angles and the drives' positions.
+
+    A free joint is one whose angle follows no other joint's. The pull f of a drive [N] is the force
+    along its first tendon, at the joint's end, that acts on the joints as all of its tendons do.
+
+    In the functions, θ are the angles of all joints, θ_free, ω_free and α_free angles, speeds and
+    accelerations of the free joints, s the drives' positions, d the directions of motion, from −1
+    to 1, and τ_ext the external torques on all joints.
     """
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
-        super().__init__(rig, folded)
+        self.mechanism = mechanism = Mechanism(
+            rig, remembers=True, derived=Derived(command_inputs(rig), folded)
+        )
+        self.rig = rig
+        self.free = list(mechanism.free)
+        self.joints = [rig.joints[j] for j in self.free]
+        self.joint_names = tuple(joint.name for joint in self.joints)
+        self.nj = mechanism.n_joints
+        self.nd = mechanism.n_drives
+        self.nt = mechanism.n_tendons
+        self.nf = len(self.free)
+        self.n_inside = len(mechanism.parameters.inside)
+        self.tendons_of = [mechanism.pulled_by(self.nj + d) for d in range(self.nd)]
+        self.one_sided = [len(tendons) == 1 for tendons in self.tendons_of]
+        """Whether each drive can pull one way only, since it winds one tendon, (n_drives,)."""
+        of_free = ("free", "desired", "speeds", "accelerations", "turned", "torques")
+        self.shapes = dict.fromkeys(of_free, (self.nf,)) | {
+            "angles": (self.nj,),
+            "external": (self.nj,),
+            "arms": (self.nf, self.nd),
+            "shares": (self.nt,),
+            "lowest": (1,),
+        }
         self.n_parameters = len(self.mechanism.parameters) - self.n_inside
         """Number of the parameters without the internal state, which is the last of them."""
         self.rubbing = hysteretic(self.mechanism)
@@ -496,7 +301,191 @@ class CommandModel(Balance):
             forces=self.nd,
             tensions=self.nt,
             short=self.nd,
+            gives=self.nd,
         )
+
+    @cached_property
+    def moved_by(self) -> Matrix:
+        """Torque on each free joint per pull of each drive at all angles, by its pattern alone."""
+        q = ca.SX.sym("q", self.nj)
+        s = ca.SX.sym("s", self.nd)
+        return ca.sparsify(self.arms(q, s))
+
+    @cached_property
+    def parts(self) -> list[tuple[list[int], list[int]]]:
+        """Groups of free joints and the drives that move them, which move no other joint: indices
+        among the free joints, and among the drives.
+        """
+        moves = np.array(ca.DM.ones(self.moved_by.sparsity())) > 0.0
+        count, groups = connected_components(moves @ moves.T)
+        joints = [np.flatnonzero(groups == k) for k in range(count)]
+        return [(of.tolist(), np.flatnonzero(moves[of].any(axis=0)).tolist()) for of in joints]
+
+    def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
+        """Return the angles of all joints, (n_joints,) [rad], from those of the `free` joints,
+        (n_free,).
+
+        Without `offsets` it does the same for speeds and accelerations.
+        """
+        mechanism = self.mechanism
+        return ca.mtimes(mechanism.spread, free) + (mechanism.offsets if offsets else 0)
+
+    def _levers(self, angles: Vector, positions: Vector) -> Matrix:
+        return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
+
+    def arms(self, angles: Vector, positions: Vector) -> Matrix:
+        """Return the torque on each free joint per pull of each drive, (n_free, n_drives) [m], at
+        `angles` and `positions`.
+        """
+        first = [tendons[0] for tendons in self.tendons_of]
+        levers = self._levers(angles, positions)[first, : self.nj]
+        return -ca.mtimes(levers, self.mechanism.spread).T
+
+    @traced
+    def pull(self, angles: Vector, positions: Vector, shares: Vector, p: Vector) -> list[Vector]:
+        """Function (θ, s, shares, p) → pulls of the drives [N], and their derivatives by the
+        drives' positions [N/m, N/rad], (n_drives,) each.
+        """
+        tensions = self._pulls_at(angles, positions).joint
+        pulls = ca.vertcat(*(ca.dot(shares[own], tensions[own]) for own in self.tendons_of))
+        return [pulls, ca.jtimes(pulls, positions, ca.SX.ones(self.nd))]
+
+    def _pulls_at(self, angles: Vector, positions: Vector, settled: bool = False) -> Pulls:
+        """Return the pulls of the tendons at rest."""
+        bodies = ca.vertcat(angles, positions)
+        return self.mechanism.pulls(bodies, ca.SX.zeros(self.mechanism.n_bodies), settled=settled)
+
+    @traced
+    def geometry(self, angles: Vector, positions: Vector, p: Vector) -> list[Vector]:
+        """Function (θ, s, p) → moment arms (n_free, n_drives), and shares (n_tendons,).
+
+        The share of a tendon's tension in its drive's pull is its moment arms projected onto those
+        of the drive's first tendon.
+        """
+        levers = self._levers(angles, positions)
+        shares = ca.SX.ones(self.nt)
+        for tendons in self.tendons_of:
+            first = levers[tendons[0], : self.nj]
+            for i in tendons[1:]:
+                shares[i] = ca.dot(levers[i, : self.nj], first) / ca.dot(first, first)
+        return [self.arms(angles, positions), shares]
+
+    @traced
+    def needed(
+        self,
+        free: Vector,
+        speeds: Vector,
+        accelerations: Vector,
+        positions: Vector,
+        turned: Vector,
+        external: Vector,
+        p: Vector,
+    ) -> list[Vector]:
+        """Function (θ_free, ω_free, α_free, s, d, τ_ext, p) → torques τ that the tendons have to
+        make, and friction limits, (n_free,) each [N m].
+        """
+        mechanism = self.mechanism
+        q = ca.vertcat(self.all_joints(free), positions)
+        v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
+        pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
+        limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[: self.nj]
+        spread = mechanism.spread
+        moving = mechanism.moving_forces(q, v, self.all_joints(accelerations, False))
+        moving += (mechanism.dampings() * v - mechanism.passive_forces(q))[: self.nj] - external
+        friction = ca.mtimes(ca.fabs(spread).T, ca.vertcat(*(limit.mean for limit in limits)))
+        return [ca.mtimes(spread.T, moving) + turned * friction, friction]
+
+    @traced
+    def driven(
+        self,
+        angles: Vector,
+        positions: Vector,
+        within: Vector,
+        rates: Vector,
+        drives_turned: Vector,
+        p: Vector,
+    ) -> list[Vector]:
+        """Function (θ, s, s limited to its range, ṡ, d of the drives, p) → force of each drive, and
+        tensions at the drives.
+        """
+        mechanism = self.mechanism
+        q = ca.vertcat(angles, positions)
+        v = ca.vertcat(ca.SX.zeros(self.nj), rates)
+        pulls = self._pulls_at(angles, positions)
+        limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
+        friction = [
+            limit.mean * drives_turned[d] + limit.asymmetry * ca.fabs(drives_turned[d])
+            for d, limit in enumerate(limits)
+        ]
+        drag = mechanism.dampings() * v - mechanism.passive_forces(ca.vertcat(angles, within))
+        force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
+        return [force, pulls.drive]
+
+    @traced
+    def tangent(
+        self,
+        free: Vector,
+        pulls: Vector,
+        positions: Vector,
+        turned: Vector,
+        external: Vector,
+        p: Vector,
+    ) -> list[Vector]:
+        """Function (θ_free, f, s, d, τ_ext, p) → residual torque A f − τ of the free joints at
+        rest, and its derivatives by θ_free at constant pulls f.
+        """
+        still = ca.SX.zeros(self.nf)
+        needed, _ = self.needed(free, still, still, positions, turned, external, p)
+        made = ca.mtimes(self.arms(self.all_joints(free), positions), pulls)
+        return [made - needed, ca.jacobian(made - needed, free)]
+
+    def lacking(self, free: Vector, positions: Vector, turned: Vector) -> tuple[Vector, Vector]:
+        """Return the residual torques of joints at rest and their friction limits, (n_free,) each
+        [N m].
+
+        Args:
+            free: angles of the free joints [rad], (n_free,).
+            positions: of the drives [m, rad], (n_drives,).
+            turned: direction in which friction acts, −1 to 1, (n_free,).
+        """
+        still = ca.SX.zeros(self.nf)
+        none = ca.SX.zeros(self.nj)
+        p = self.mechanism.parameters.symbols
+        needed, friction = self.needed(free, still, still, positions, turned, none, p)
+        forces = self._pulls_at(self.all_joints(free), positions, settled=True).forces
+        return ca.mtimes(self.mechanism.spread.T, forces[: self.nj]) - needed, friction
+
+    def number(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
+        """Return the inputs with these `names`, those of `command_inputs` without its prefix, out
+        of all inputs `p`.
+        """
+        return self.mechanism.parameters.of(p, [f"{DERIVED}{name}" for name in names])
+
+    @property
+    def derived(self) -> Floats:
+        """Values of the inputs that `command_inputs` adds to the equations' parameters, (n,), in
+        their order.
+        """
+        parameters = self.mechanism.parameters
+        return parameters.values[[name.startswith(DERIVED) for name in parameters.names]]
+
+    def within_stops(self, angles: Symbolic, p: Symbolic) -> Symbolic:
+        """Return angles of free joints, (n_free,) [rad], limited to their stops."""
+        low, high = (
+            self.number(p, [f"joints.{j}.{end}" for j in self.free]) for end in ("low", "high")
+        )
+        return ca.fmin(ca.fmax(angles, low), high)
+
+    def of_drives(self, p: Symbolic, key: str) -> Symbolic:
+        """Return one input of every drive, (n_drives,), by its key, such as `radius`."""
+        return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
+
+    def possible(self, forces: Vector, p: Vector) -> Vector:
+        """Return forces that the drives can have, (n_drives,): a slider cannot push."""
+        high = self.of_drives(p, "limit")
+        # no product with a limit that may be infinite
+        pushes = ca.DM([drive.kind != "slider" for drive in self.rig.drives])
+        return ca.fmin(ca.fmax(forces, ca.if_else(pushes, -high, 0)), high)
 
     def function(self) -> ca.Function:
         """Return the kernel (kernel_state, x, p) → (kernel_state⁺, y) of the next command, with the
@@ -516,7 +505,8 @@ class CommandModel(Balance):
         held = desired["angles"]
         s = before
         f = was["pulls"]
-        most = self.of_drives(p, "most_pull")
+        high = self.of_drives(p, "limit")
+        radius = self.of_drives(p, "radius")
         for _ in range(ROUNDS):
             if any(len(drives) < len(joints) for joints, drives in self.parts):
                 held, f = self._reached(desired["angles"], held, f, s, turned, external, lowest, p)
@@ -524,21 +514,24 @@ class CommandModel(Balance):
                 held, desired["speeds"], desired["accelerations"], s, turned, external, p
             )
             joints = self.all_joints(held)
-            arms, shares, steepest = self.geometry(joints, s, p)
+            arms, shares = self.geometry(joints, s, p)
             asked = self._pulls(arms, torques, lowest * self.of_drives(p, "margin"), f)
-            f = limited(asked, most)
+            f = limited(asked, high / radius)
             sprung = f
             rubbed = was["rubbed"]
             if self.rubbing:
                 sprung, rubbed = self._sprung(joints, s, f, was["pulls"], rubbed, p)
-            s = self._positions(joints, s, sprung, shares, steepest, p)
+            s = self._positions(joints, s, sprung, shares, p)
         begun = was["begun"]
         rates = ca.if_else(begun > 0, (s - before) / ca.if_else(dt > 0, dt, 1), 0)
-        moved = begun * self.of_drives(p, "radius") * (s - before)
+        moved = begun * radius * (s - before)
         drives_turned = limited(was["drives_turned"] + moved / DRIVE_TURNS, 1)
         # a drive goes no further than its range; its force is still that of the desired position
         within = ca.fmin(ca.fmax(s, self.of_drives(p, "low")), self.of_drives(p, "high"))
         forces, tensions = self.driven(joints, s, within, rates, drives_turned, p)
+        # servos give way: by their stiffness, and by their dead band in the direction of motion
+        gives = self.of_drives(p, "soft") * self.possible(forces, p)
+        gives += self.of_drives(p, "dead") * drives_turned
         inside = ca.MX(0, 1)
         if self.n_inside:
             inside = settled_function(self.mechanism)(ca.vertcat(joints, s), dt, p)
@@ -558,6 +551,7 @@ class CommandModel(Balance):
             forces=forces,
             tensions=tensions,
             short=asked - f,
+            gives=gives,
         )
         return ca.Function("command", [kernel_state, x, own], [after, y])
 
@@ -615,24 +609,20 @@ class CommandModel(Balance):
 
     @cached_property
     def _positions(self) -> ca.Function:
-        """Function (θ, s, f, shares, steepest, p) → positions at which the drives pull with f."""
+        """Function (θ, s, f, shares, p) → positions at which the drives pull with f."""
         angles = ca.MX.sym("angles", self.nj)
-        before, pulls, steepest = (
-            ca.MX.sym(name, self.nd) for name in ("before", "pulls", "steepest")
-        )
+        before = s = ca.MX.sym("before", self.nd)
+        pulls = ca.MX.sym("pulls", self.nd)
         shares = ca.MX.sym("shares", self.nt)
         p = ca.MX.sym("p", len(self.mechanism.parameters))
         rising = ca.DM([self.mechanism.winds(own[0]) for own in self.tendons_of])
-        s = before
         wide = FARTHEST / self.of_drives(p, "radius")
         low = before - wide
         high = before + wide
         for _ in range(STEPS):
             value, slope = self.pull(angles, s, shares, p)
-            s, low, high = self._refined(
-                s, low, high, rising * (value - pulls), rising * slope, steepest
-            )
-        return ca.Function("positions", [angles, before, pulls, shares, steepest, p], [s])
+            s, low, high = self._refined(s, low, high, rising * (value - pulls), rising * slope)
+        return ca.Function("positions", [angles, before, pulls, shares, p], [s])
 
     @traced
     def _sprung(
@@ -664,21 +654,14 @@ class CommandModel(Balance):
 
     @traced
     def _refined(
-        self,
-        positions: Vector,
-        low: Vector,
-        high: Vector,
-        excess: Vector,
-        slope: Vector,
-        steepest: Vector,
+        self, positions: Vector, low: Vector, high: Vector, excess: Vector, slope: Vector
     ) -> list[Vector]:
-        """Function (s, low, high, excess, slope, steepest) → next s, low and high, by Newton's
-        step, or to the middle of the bracket.
+        """Function (s, low, high, excess, slope) → next s, low and high, by Newton's step, or to
+        the middle of the bracket.
         """
         below = excess < 0
         lower = ca.if_else(below, positions, low)
         upper = ca.if_else(below, high, positions)
-        usable = slope > FLATTEST * steepest
-        newton = positions - excess / ca.if_else(usable, slope, 1)
-        inner = ca.logic_and(usable, ca.logic_and(newton >= lower, newton <= upper))
+        newton = positions - excess / ca.if_else(slope > 0, slope, 1)
+        inner = ca.logic_and(slope > 0, ca.logic_and(newton >= lower, newton <= upper))
         return [ca.if_else(inner, newton, (lower + upper) / 2), lower, upper]

@@ -13,6 +13,7 @@ of a dead band. Drives that follow forces get the torque of `feedback_torques` i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import compress
 from math import inf, isfinite, nan, radians
@@ -220,53 +221,43 @@ class LiveModel:
         was = self.kernel_state.parts(kernel_state)
         came = self.x.parts(x)
         gains = self.parameters.parts(p)
-        command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
-        lowest, compensates = (gains.pop(name) for name in ("lowest", "compensates"))
-        of_filter, derived = (gains.pop(name) for name in ("of_filter", "derived"))
+        trusted = came["trusted"]
+        angles = came["state"][model.free]
         # maps that are not trusted, far from where they were learned, are not followed, nor torques
         # from outside
-        mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
-        parameters, torques = self._believed()(came["state"], of_filter, derived)
+        mapped = ca.if_else(trusted > 0, came["mapped"], was["mapped"])
+        parameters, torques = self._believed()(came["state"], gains["of_filter"], gains["derived"])
         free = came["touched"] <= TOUCHED
-        # nothing winds up against a stop, nor against the end of a drive's range
-        guided = guide_function(model.nf)(
-            angles=came["state"][model.free],
+        guide = guided(
+            was,
+            gains,
+            angles=angles,
             desired=model.within_stops(came["desired"], parameters),
             dt=came["dt"],
-            trusted=came["trusted"],
+            trusted=trusted,
             free=free,
-            winds=came["trusted"] * (1 - at_end) * free,
-            **{f"{name}_before": part for name, part in was.items()},
-            **gains,
+            # nothing winds up against a stop, nor against the end of a drive's range
+            winds=trusted * (1 - was["at_end"]) * free,
         )
         later = model.number(parameters, ["lead"])
-        bend = limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
-        ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
+        bend = limited(later**2 / 2 * guide["acceleration"], ca.fabs(later * guide["speed"]))
+        ahead = guide["reference"] + later * guide["speed"] + bend + guide["correction"] - mapped
         row = model.x.joined(
             dt=came["dt"],
             angles=model.within_stops(ahead, parameters),
-            speeds=guided["speed"] + guided["correcting"],
-            accelerations=guided["acceleration"],
-            torques=came["trusted"] * compensates * torques
-            + ca.mtimes(ca.pinv(model.mechanism.spread).T, guided["pushed"]),
-            lowest=lowest,
+            speeds=guide["speed"] + guide["correcting"],
+            accelerations=guide["acceleration"],
+            torques=trusted * gains["compensates"] * torques
+            + ca.mtimes(ca.pinv(model.mechanism.spread).T, guide["pushed"]),
+            lowest=gains["lowest"],
         )
-        command, y = model.function()(command, row, parameters)
+        command, y = model.function()(was["command"], row, parameters)
         sent = model.y.parts(y)
         at_end = ca.fabs(model.kernel_state.part(command, "positions") - sent["positions"]) > AT_END
-        # a slider cannot push; no product with a limit that may be infinite
-        high = model.of_drives(parameters, "limit")
-        pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
-        forces = ca.fmin(ca.fmax(sent["forces"], ca.if_else(pushes, -high, 0)), high)
-        positions = read_function(states)(sent["positions"], came["state"], of_filter)
-        # servos give way: by their stiffness, and by their dead band in the direction of motion
-        ahead = model.of_drives(parameters, "soft") * forces
-        ahead += model.of_drives(parameters, "dead") * model.kernel_state.part(
-            command, "drives_turned"
-        )
+        positions = read_function(states)(sent["positions"], came["state"], gains["of_filter"])
         following = self.kernel_state.joined(
-            **{name: guided[name] for name in GUIDED},
-            last=came["state"][model.free],
+            **{name: guide[name] for name in GUIDED},
+            last=angles,
             mapped=mapped,
             at_end=ca.dot(at_end, at_end) > 0,
             started=ca.MX(1),
@@ -274,9 +265,9 @@ class LiveModel:
         )
         y = self.y.joined(
             angles=sent["angles"],
-            positions=positions + ahead,
+            positions=positions + sent["gives"],
             speeds=sent["speeds"] + (positions - came["read"]) / RESPONDS,
-            forces=forces,
+            forces=model.possible(sent["forces"], parameters),
             tensions=sent["tensions"],
             at_end=at_end,
         )
@@ -298,62 +289,70 @@ class LiveModel:
         return ca.Function("believed", [state, known.symbols, derived], outputs)
 
 
-def guide_function(nf: int) -> ca.Function:
-    """Return the function of one sample of the reference and its motion, the correction, and the
-    torque of feedback, for `nf` joints.
+def guided(
+    was: Mapping[str, Vector],
+    gains: Mapping[str, Vector],
+    *,
+    angles: Vector,
+    desired: Vector,
+    dt: Scalar,
+    trusted: Scalar,
+    free: Scalar,
+    winds: Scalar,
+) -> dict[str, Vector]:
+    """Return one sample of the reference and its motion, the correction, and the torque of
+    feedback, as expressions, (n_free,) each.
+
+    Args:
+        was: state before, by the names of `GUIDED`; `last` angles and whether it `started`.
+        gains: by the names of `OF_EACH`.
+        angles: estimated angles [rad], (n_free,).
+        desired: angles within the stops [rad], (n_free,).
+        dt: length of the sample [s].
+        trusted: whether the estimate is known.
+        free: whether nothing is touched.
+        winds: whether the correction may grow.
     """
-    of_all = dict.fromkeys(("dt", "trusted", "winds", "free", "started_before"), 1)
-    before = (f"{name}_before" for name in (*GUIDED, "last"))
-    sizes = dict.fromkeys(("desired", "angles", *before, *OF_EACH), nf) | of_all
-    v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    dt = v["dt"]
-    angles = v["angles"]
-    trusted = v["trusted"]
-    started = v["started_before"]
     safe = ca.fmax(dt, SHORTEST)
     share = dt / (dt + SMOOTHED)
     # it begins where the joint is, if that is known
-    first = ca.if_else(trusted > 0, angles, v["desired"])
-    was, wished = (
-        ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before")
+    first = ca.if_else(trusted > 0, angles, desired)
+    before, wished = (
+        ca.if_else(was["started"] > 0, was[name], first) for name in ("reference", "wished")
     )
-    most = v["fastest"] / RESPONDS
-    behind = wished - was
+    fastest = gains["fastest"]
+    most = fastest / RESPONDS
+    behind = wished - before
     catching_up = limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))
-    rate = limited(
-        limited((v["desired"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"]
-    )
-    rate = v["rate_before"] + limited(rate - v["rate_before"], most * dt)
-    reference = was + rate * dt
-    speed = v["speed_before"] + share * (rate - v["speed_before"])
-    change = (speed - v["speed_before"]) / safe - v["acceleration_before"]
-    turning = started * (angles - v["last_before"]) / safe
+    rate = limited(limited((desired - wished) / safe, fastest) + catching_up, fastest)
+    rate = was["rate"] + limited(rate - was["rate"], most * dt)
+    reference = before + rate * dt
+    speed = was["speed"] + share * (rate - was["speed"])
+    change = (speed - was["speed"]) / safe - was["acceleration"]
     made = feedback_torques(
-        v,
-        before={name: v[f"{name}_before"] for name in REMEMBERED},
+        gains,
+        before=was,
         error=reference - angles,
-        lag=speed - turning,
+        lag=speed - was["started"] * (angles - was["last"]) / safe,
         dt=dt,
         trusted=trusted,
         # what presses on what is touched does not wind up
-        free=v["free"],
+        free=free,
     )
     correction = limited(
-        v["correction_before"] + v["winds"] * v["follow"] * made.errors * dt,
-        v["correction_limit"],
+        was["correction"] + winds * gains["follow"] * made.errors * dt, gains["correction_limit"]
     )
-    found = {
-        "wished": v["desired"],
+    return {
+        "wished": desired,
         "reference": reference,
         "rate": rate,
         "speed": speed,
-        "acceleration": v["acceleration_before"] + share * change,
+        "acceleration": was["acceleration"] + share * change,
         "correction": correction,
         **made.after,
-        "correcting": (correction - v["correction_before"]) / safe,
+        "correcting": (correction - was["correction"]) / safe,
         "pushed": -made.torques,
     }
-    return ca.Function("guide", list(v.values()), list(found.values()), list(v), list(found))
 
 
 def read_function(states: StateVector) -> ca.Function:
@@ -500,23 +499,23 @@ class LiveInverse:
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
-        self._rig = rig = as_rig(rig)
-        estimator = AdaptiveFilter(rig, compiled)
-        self._layouts = live = LiveModel(rig, estimator.states)
-        self._live = LiveEstimator(rig, estimator)
-        self._free = live.model.free
+        self.rig = rig = as_rig(rig)
+        filter_ = AdaptiveFilter(rig, compiled)
+        self._layouts = live = LiveModel(rig, filter_.states)
+        self.estimator = LiveEstimator(rig, filter_)
+        self.channels = filter_.channels
         self.joints = live.model.joint_names
+        self._free = live.model.free
         self._kernel = kernel_of(live.structure, live.function, compiled)
         self._parameters = live_parameters(
-            live, estimator, least_tension, feedback, fastest, compensates
+            live, filter_, least_tension, feedback, fastest, compensates
         )
-        self._monitor = Monitor(self._live)
-        self._gate = GoalGate(rig) if gate is None else gate
-        self._is_believed = gate is not None
-        self._positions = columns_of(rig, estimator.channels, "position")
+        self._monitor = Monitor(self.estimator)
+        self._gate = gate or GoalGate(rig)
+        self._positions = columns_of(rig, filter_.channels, "position")
         self._moves = crossed_joints(rig) @ (np.array(live.model.mechanism.spread) != 0.0)
         self._begin_loop()
-        self.reset()
+        self._forget()
 
     def _begin_loop(self) -> None:
         """Begin a loop of the kernel, with the parts of its arrays by name."""
@@ -527,12 +526,14 @@ class LiveInverse:
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
+        self._gate.reset()
         self._monitor.reset()
+        self._forget()
+
+    def _forget(self) -> None:
         self._loop.kernel_state[:] = 0.0
-        if not self._is_believed:
-            self._gate.reset()
         # these are replaced, and never changed in place: a clone may share them
-        self._forces = np.full(len(self._rig.drives), nan)
+        self._forces = np.full(len(self.rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
         self._time: float | None = None
@@ -541,28 +542,13 @@ class LiveInverse:
         """Return a copy with the same belief, which goes on by itself."""
         other = object.__new__(LiveInverse)
         vars(other).update(vars(self))
-        other._live = self._live.clone()
-        other._monitor = self._monitor.clone(other._live)
-        other._gate = self._gate.clone()
+        other.estimator = self.estimator.clone()
+        other._monitor = self._monitor.clone(other.estimator)
+        other._gate = copy(self._gate)
         other._begin_loop()
         other._loop.kernel_state[:] = self._loop.kernel_state
         other._loop.y[:] = self._loop.y
         return other
-
-    @property
-    def rig(self) -> Rig:
-        """Description of the rig whose drives are commanded."""
-        return self._rig
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample, in its order."""
-        return self._live.channels
-
-    @property
-    def estimator(self) -> LiveEstimator:
-        """The filter on which the commands rest, at the last sample."""
-        return self._live
 
     def step(
         self, time: float, desired: Sequence[float] | Floats | Mapping[str, float], sample: Floats
@@ -582,29 +568,26 @@ class LiveInverse:
             CommandError: there are more or fewer angles than joints, or a name is unknown.
         """
         angles = self._angles(desired)
-        if sample_problem(sample, self.channels) is None and not self._is_believed:
+        if sample_problem(sample, self.channels) is None:
             sample = self._gate.believed(time, sample, self.channels)
         reading = self._monitor.take(time, sample)
         if not all(map(isfinite, reading.angles)):
-            stays = [] if self._time is None else ["the last command stays"]
-            return self._command(reading, [f"{reading.health} {reading.detail}", *stays])
-        unread = ", ".join(self._gate.unread)
-        missing = f"{unread} not read yet" if unread else reading.unusable
-        if self._time is None and missing:
-            return self._command(reading, [missing])
+            return self._command(reading, f"{reading.health} {reading.detail}")
+        unread = self._gate.unread
+        if self._time is None and (unread or reading.unusable):
+            return self._command(reading, f"{unread} not read yet" if unread else reading.unusable)
         x = self._x
         self._asked = known_or(angles, self._asked)
-        x["state"][:] = self._live.mean
-        x["mapped"][:] = self._live.added_by_maps[self._free]
+        x["state"][:] = self.estimator.mean
+        x["mapped"][:] = self.estimator.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
-        read = np.append(sample, nan)[self._positions]
-        x["read"][:] = known_or(read, self._gate.expected)
+        x["read"][:] = known_or(np.append(sample, nan)[self._positions], self._gate.expected)
         x["trusted"][0] = not reading.unusable
-        x["touched"][0] = self._live.touched
+        x["touched"][0] = self.estimator.touched
         stands = self._gate.stopped @ self._moves
         if self._time is None or (stands.all() and self._gate.are_ignored):
             # it begins anew: joints did not go where their commands would have brought them
-            begin = self._live.mean[self._free]
+            begin = self.estimator.mean[self._free]
             self._asked = known_or(self._asked, begin)
             self._loop.kernel_state[:] = 0.0
             x["desired"][:] = begin
@@ -615,16 +598,17 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            x["dt"][0] = min(max(time - self._time, SHORTEST), LIMITS.overdue * self._live.interval)
+            most = LIMITS.overdue * self.estimator.interval
+            x["dt"][0] = np.clip(time - self._time, SHORTEST, most)
             self._loop.step()
         self._time = time
         self._stood = stands
-        ended = ", ".join(compress(self._rig.drive_names, self._y["at_end"]))
-        notes = [
+        ended = ", ".join(compress(self.rig.drive_names, self._y["at_end"]))
+        return self._command(
+            reading,
             reading.unusable and f"no feedback: {reading.unusable}",
             ended and f"{ended} at the end of its range",
-        ]
-        return self._command(reading, notes)
+        )
 
     def _angles(self, desired: Sequence[float] | Floats | Mapping[str, float]) -> Floats:
         """Return desired angles in the order of `joints`, (n_free,), NaN where one is left out."""
@@ -645,8 +629,8 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        angles = self._live.mean[self._free]
-        stds = self._live.angle_stds[self._free]
+        angles = self.estimator.mean[self._free]
+        stds = self.estimator.angle_stds[self._free]
         away = stands & (np.abs(self._kernel_state["reference"] - angles) > BAND * stds)
         for name in ("reference", "wished"):
             np.copyto(self._kernel_state[name], angles, where=away)
@@ -654,28 +638,20 @@ class LiveInverse:
             self._kernel_state[name][stands] = 0.0
         self._kernel_state["at_end"][:] = 1.0
 
-    def _command(self, reading: Reading, notes: list[str]) -> Command:
+    def _command(self, reading: Reading, *notes: str) -> Command:
         """Return the command of the last kernel step as it passes the gate."""
-        y = self._y
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            positions, speeds, forces = np.full((3, len(self._rig.drives)), nan)
+            positions, speeds, forces = np.full((3, len(self.rig.drives)), nan)
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(positions, speeds, forces, reading, note)
-        is_new = all(map(isfinite, reading.angles))
-        positions = self._gate.passed(reading.time, np.where(is_new, y["positions"], nan))
+        stays = "" if all(map(isfinite, reading.angles)) else "the last command stays"
+        positions = self._gate.passed(reading.time, np.where(stays, nan, self._y["positions"]))
         stands = self._gate.stopped
-        self._forces = np.where(stands, self._forces, y["forces"])
-        note = "; ".join(filter(None, [*notes, self._gate.note]))
-        speeds = np.where(stands, 0.0, y["speeds"])
+        speeds = np.where(stands, 0.0, self._y["speeds"])
+        self._forces = np.where(stands, self._forces, self._y["forces"])
+        note = "; ".join(filter(None, [*notes, stays, self._gate.note]))
         return Command(positions, speeds, self._forces.copy(), reading, note)
-
-    @property
-    def holding(self) -> Floats:
-        """Forces and torques still held by drives that are stopped because readings are lost [N, N
-        m]; infinite for the others, (n_drives,).
-        """
-        return self._gate.holding
 
     def confirm(self, arrived: bool) -> None:
         """Take in whether the last command was sent; if not, the goals before it count."""
