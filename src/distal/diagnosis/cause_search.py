@@ -32,7 +32,6 @@ from distal.diagnosis.innovation_tests import (
 from distal.estimators import AdaptiveFilter, Belief, KernelEstimator, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
-from distal.regression import MOST
 from distal.rig import Rig
 from distal.run.offline import out_of_bounds, prepared
 from distal.run.redundancy import Redundancy
@@ -449,9 +448,8 @@ def wrong_readings(log: Log, rig: Rig) -> Gains:
         cause.apply(x, samples, names, time)
         is_read = np.isfinite(samples)
         costs, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
-        costs = np.where(outside > 0.0, MOST, costs)
         far = 2.0 * log1p(cause.distance(x) ** 2)
-        share = float(np.mean((outside + unlike).any(axis=1)))
+        share = float(np.mean(np.hstack([outside, unlike]).any(axis=1)))
         return spans * float(np.mean(costs @ weights)) + far, share
 
     read = list(of_sensors(rig, names, float(np.median(np.diff(time)))))

@@ -33,7 +33,7 @@ from distal.logs import Limits
 from distal.logs.stamps import REWOUND
 from distal.rig import Rig, motor_range, position_range
 from distal.rig.components import Drive
-from distal.run.health import LIMITS
+from distal.run.health import OVERDUE
 from distal.run.live_estimator import LATEST
 
 NOISES = 5.0
@@ -113,9 +113,7 @@ class MotorReadings:
             [getattr(drive.servo, "fastest", None) or Limits.fastest for drive in rig.drives]
         )
         rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
-        self.oldest = np.maximum(
-            [LIMITS.overdue / rates.get(name, inf) for name in names], USUAL.oldest
-        )
+        self.oldest = np.maximum([OVERDUE / rates.get(name, inf) for name in names], USUAL.oldest)
         self.has_sensor = np.array([name in rates for name in names])
         # a stale reading is looked for among those that are young enough
         samples = self.oldest * [rates.get(name, 0.0) for name in names]

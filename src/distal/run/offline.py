@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
@@ -26,7 +27,6 @@ from distal.estimators import (
     KernelEstimator,
     RegressionEstimator,
     StateKind,
-    first_values,
     kinds_of,
     make_estimator,
     state_units,
@@ -81,14 +81,6 @@ def samples_of(
                 "or mend the log"
             )
     samples = np.column_stack([log.channels[channel] for channel in channels])
-    has_wild = np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
-    return without_wild(log, channels, samples) if has_wild else samples
-
-
-def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
-    """Return the `samples`, (k, n_channels), with wild values as NaN, and warn of each sensor that
-    has some.
-    """
     wild = np.abs(samples) > LARGEST_READING
     for channel, rows in zip(channels, wild.T):
         if rows.any():
@@ -97,9 +89,10 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
                 f"value{'s' if rows.sum() > 1 else ''}, the "
                 f"first at {log.time[rows.argmax()]:g} s, taken as missing ({WILD})",
                 DistalWarning,
-                stacklevel=4,
+                stacklevel=3,
             )
-    return np.where(wild, np.nan, samples)
+    samples[wild] = np.nan
+    return samples
 
 
 def estimate(
@@ -537,25 +530,19 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         return []
     chosen = runs[0].estimator
     kernels = {id(run.estimator.kernel) for run in runs if run.estimator.has_kernel}
+    pieces: list[list[tuple[Floats, ...]] | None] = [None] * len(runs)
     # a homing move may give a run another kernel (`with_straight_line`)
-    if len(runs) == 1 or len(kernels) > 1 or _side_by_side(chosen) == 1:
-        return [_attempt(without_covariances, run) for run in runs]
-    try:
-        # a homing move gives each run parameters of its own
-        found = chosen.scan_all(
-            [run.start for run in runs],
-            [run.log.time for run in runs],
-            [run.samples for run in runs],
-            [run.estimator.parameters for run in runs],
-        )
-    except DistalError:
-        return [_attempt(without_covariances, run) for run in runs]
-    return [
-        _attempt(
-            lambda pair: without_covariances(*pair), (run, [chosen.reported(*moments, run.samples)])
-        )
-        for run, moments in zip(runs, found)
-    ]
+    if len(runs) > 1 and len(kernels) == 1 and _side_by_side(chosen) > 1:
+        # a homing move gives each run parameters of its own; one that fails is run alone
+        with suppress(DistalError):
+            found = chosen.scan_all(
+                [run.start for run in runs],
+                [run.log.time for run in runs],
+                [run.samples for run in runs],
+                [run.estimator.parameters for run in runs],
+            )
+            pieces = [[chosen.reported(*moments, run.samples)] for run, moments in zip(runs, found)]
+    return [_attempt(lambda pair: without_covariances(*pair), pair) for pair in zip(runs, pieces)]
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
@@ -573,22 +560,17 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         EstimationError: the log lacks a sensor, the sensors do not suffice, or the filter diverged.
     """
     estimator = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
-    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
-    belief = estimator.initial(log.time[0], first_values(samples))
-    rows, last = estimator.checked_rows(belief, log.time, samples)
+    run = prepared(log, estimator)
+    belief = run.start
+    rows, last = estimator.checked_rows(belief, log.time, run.samples)
     kernel_states, ys = advance(
         estimator.kernel, Feed(belief.kernel_state, rows, estimator.parameters)
     )
     n = belief.size
     m = len(estimator.measured)
-    if len(
-        out_of_bounds(mean_of(kernel_states, n), variances_of(kernel_states, n), len(rig.joints))
-    ):
-        raise EstimationError(
-            f"{log.source}: the filter left all bounds; check the units of the log and the rig"
-        )
     means = mean_of(kernel_states, n).copy()
     covariances = covariance_of(kernel_states, n).copy()
+    check_bounds(run, means[last], variances_of(kernel_states, n)[last])
     predicted = ys[:, 2 * m : 2 * m + n]
     matrices = ys[:, 2 * m + n :].reshape(-1, 2, n, n)
     # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be
@@ -618,8 +600,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     if rig.map is not None:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
-    run = Run(log, estimator, samples, belief, None)
-    innovations = estimator.innovations_of(ys[last], samples)
+    innovations = estimator.innovations_of(ys[last], run.samples)
     return finished(run, means[last], spreads[last], *innovations, covariances[last])
 
 
@@ -631,11 +612,9 @@ def correct(
     What a map adds to the filter's own angle is not smoothed: a second run of the filter, with
     the map, gives it. Changed are the rows `last`, those of the samples.
     """
-    estimator = AdaptiveFilter(rig, compiled)
-    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
-    belief = estimator.initial(log.time[0], first_values(samples))
-    kernel_states, ys = estimator.advanced(belief, log.time, samples)
+    run = prepared(log, AdaptiveFilter(rig, compiled))
+    kernel_states, ys = run.estimator.advanced(run.start, log.time, run.samples)
     states = kernel_states[:, : means.shape[1]]
-    report = estimator.report.only(range(len(rig.joints)))
+    report = run.estimator.report.only(range(len(rig.joints)))
     means[last] += report.means(states, ys) - states
     covariances[last] = report.covariances(covariances[last], ys)
