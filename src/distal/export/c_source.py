@@ -217,7 +217,7 @@ def spoken() -> list[Health]:
 
 def health_blanks(estimator: KernelEstimator, emitter: Emitter) -> dict[str, object]:
     """Return the blanks of an estimator's health, whose function is added to an emitter."""
-    watch = Watch.of(estimator)
+    watch = Watch(estimator)
     return {
         "check": emitter.add(watch.function()),
         "begun": watch.begun(),

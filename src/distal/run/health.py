@@ -34,7 +34,6 @@ from distal.rig import (
     RangeEnd,
     Rig,
     Role,
-    Sensor,
     measurand_of,
     position_range,
     range_ends,
@@ -141,37 +140,27 @@ Judgement: TypeAlias = tuple[dict[str, Vector], dict[str, Vector]]
 """What is remembered after a sample, and what was found, by the names of the layouts."""
 
 
-@dataclass(frozen=True)
 class Watch:
     """The function that judges the samples of an estimator, and the layouts of its vectors. Each
     part of it is a function of memory and sample by name.
 
     Args:
         estimator: whose samples they are.
-        sensors: of its channels.
-        ends: ends of the ranges of motors whose joints have stops.
-        redundancy: what positions say of forces.
     """
 
-    estimator: KernelEstimator
-    sensors: tuple[Sensor, ...]
-    ends: tuple[RangeEnd, ...]
-    redundancy: Redundancy
-
-    @classmethod
-    def of(cls, estimator: KernelEstimator) -> Watch:
-        """Return the watch over an estimator."""
-        rig = estimator.rig
-        by_name = {sensor.name: sensor for sensor in rig.sensors}
-        redundancy = Redundancy.of(rig, estimator.channels)
+    def __init__(self, estimator: KernelEstimator) -> None:
+        self.estimator = estimator
+        by_name = {sensor.name: sensor for sensor in estimator.rig.sensors}
+        self.sensors = [by_name[name] for name in estimator.channels]
+        self.redundancy = Redundancy.of(estimator.rig, estimator.channels)
+        """What positions say of forces."""
         # of what logs taught, they say where it may be and how often it repeats itself
-        ends = tuple(
+        self.ends = [
             end
-            for end in range_ends(rig, estimator.channels)
-            if estimator.channels[end.position] not in redundancy.positions
-        )
-        sensors = tuple(by_name[name] for name in estimator.channels)
-        return cls(estimator, sensors, ends, redundancy)
+            for end in range_ends(estimator.rig, estimator.channels)
+            if estimator.channels[end.position] not in self.redundancy.positions
+        ]
+        """Ends of the ranges of motors whose joints have stops."""
 
     @cached_property
     def _roles(self) -> list[Role]:
@@ -188,18 +177,11 @@ class Watch:
         return not self.redundancy.maps
 
     @cached_property
-    def _priors(self) -> tuple[Floats, Floats]:
-        """Means and stds of the priors of all states, NaN where one has none."""
-        none = np.full(len(self.estimator.state_names), np.nan)
-        means, stds = (none if prior is None else prior for prior in priors_of(self.estimator))
-        return means, stds
-
-    @cached_property
     def watched(self) -> tuple[int, ...]:
         """Indices of the states that are parameters of the rig. Those of a fitted rig that lacks
         physics stray without end; its forces are tested instead.
         """
-        means, stds = self._priors
+        means, stds = priors_of(self.estimator)
         tested = (stds > 0.0) & self._is_untaught
         return tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
 
@@ -376,7 +358,7 @@ class Watch:
         square = ca.if_else(is_touched, ca.fmin(square, 1), square)
         change = self._share(came["dt"]) * (square - was["ratio"])
         ratio = was["ratio"] + ca.if_else(came["compared"], change, 0)
-        prior, std = (_column(part[list(self.watched)]) for part in self._priors)
+        prior, std = (_column(part[list(self.watched)]) for part in priors_of(self.estimator))
         away = ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0))
         is_unknown = _any(came["stds"] > UNKNOWN)
         return {"ratio": ratio}, {
@@ -536,7 +518,7 @@ class Monitor:
 
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
-        self._watch = watch = Watch.of(live.estimator)
+        self._watch = watch = Watch(live.estimator)
         self._check = Evaluation(watch.function())
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
@@ -646,16 +628,8 @@ class Monitor:
         health, detail = max(
             problems, key=lambda problem: word_code(problem[0]), default=("ok", "")
         )
-        estimated = (
-            tuple(values.tolist())
-            for values in (
-                live.angles,
-                live.angle_stds,
-                live.external_torques,
-                live.external_torque_stds,
-            )
-        )
-        angles, stds, torques, torque_stds = estimated
+        values = live.angles, live.angle_stds, live.external_torques, live.external_torque_stds
+        angles, stds, torques, torque_stds = (tuple(of.tolist()) for of in values)
         contacts = self._contacts(problems)
         return Reading(
             time, angles, stds, health, detail, torques, torque_stds, contacts, self._doubted
@@ -701,6 +675,9 @@ class Monitor:
         came["dt"][:] = dt
         self._memory, found = self._check(self._memory, self._sample)
         self._fresh = False
+        self._doubted = ()
+        if found[0] == 0:
+            return []
         learned = self._memory[watch.memory["learned"]]
         jumped = watch.redundancy.jumped(learned)
         sizes: dict[str, Iterable[float]] = {

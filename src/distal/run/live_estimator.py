@@ -30,6 +30,7 @@ from distal.estimators.estimator_protocol import MOST_BRIDGES, fill, predictions
 from distal.kernels import covariance_of, mean_of
 from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING, RawToSI, Remark
+from distal.results.estimate import only_joint
 from distal.rig import Rig, as_rig, log_factor
 
 LATEST = 1e300
@@ -77,7 +78,7 @@ class JointAngles:
         Raises:
             EstimationError: there are several joints.
         """
-        return _only(self.angles, "angle")
+        return float(only_joint(np.asarray(self.angles), "angle", "angles"))
 
     @property
     def angle_std(self: OfJoints) -> float:
@@ -86,16 +87,7 @@ class JointAngles:
         Raises:
             EstimationError: there are several joints.
         """
-        return _only(self.angle_stds, "angle_std")
-
-
-def _only(values: Floats | tuple[float, ...], name: str) -> float:
-    """Return the value of the only joint, of what has a `name` with an s for all of them."""
-    if len(values) != 1:
-        raise EstimationError(
-            f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
-        )
-    return float(values[0])
+        return float(only_joint(np.asarray(self.angle_stds), "angle_std", "angle_stds"))
 
 
 class Remembered(NamedTuple):
@@ -189,6 +181,8 @@ class LiveEstimator(JointAngles):
         self._state, self._spread = (
             (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
         )
+        # in which it differs from a new one
+        self._arrays = [self._kernel_state, self._state, self._spread, self._innovations]
         self.mean = _view(self._state)
         """Reported estimate of the states, (n,), a read-only view that changes with each step."""
         self.covariance = _view(self._spread)
@@ -353,24 +347,29 @@ class LiveEstimator(JointAngles):
         """Return how to make this live estimator again in another process: its rig, its estimator
         by name, and its belief.
         """
-        return _made_again, (*self._made_of, self.belief())
+        return LiveEstimator, self._made_of, self.belief()
 
     def belief(self) -> Remembered:
         """Return a copy of all that the next sample changes, for `resumed`."""
-        arrays = [array.copy() for array in _arrays(self)]
+        arrays = [array.copy() for array in self._arrays]
         return Remembered(arrays, self._begin, self.time, self.samples)
 
     def resumed(self, belief: Remembered) -> LiveEstimator:
         """Return this live estimator, put back to a `belief`: the next sample is the one after."""
-        for array, values in zip(_arrays(self), belief.arrays):
+        for array, values in zip(self._arrays, belief.arrays):
             array[:] = values
         _, self._begin, self.time, self.samples = belief
         return self
 
+    __setstate__ = resumed
+
     @property
     def angle_stds(self) -> Floats:
         """Standard deviations of the errors of the joints' angles [rad], (n_joints,)."""
-        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._joint_states], 0.0))
+        return self._stds(self._joint_states)
+
+    def _stds(self, states: slice | list[int]) -> Floats:
+        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[states], 0.0))
         return stds
 
     @property
@@ -406,8 +405,7 @@ class LiveEstimator(JointAngles):
     @property
     def external_torque_stds(self) -> Floats:
         """Standard deviations of the errors of the external torques [N m]."""
-        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._torques], 0.0))
-        return stds
+        return self._stds(self._torques)
 
 
 def _seconds(name: str, time: object) -> float:
@@ -424,18 +422,6 @@ def _view(array: Floats) -> Floats:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _arrays(live: LiveEstimator) -> list[Floats]:
-    """Return the arrays in which a live estimator differs from a new one."""
-    return [live._kernel_state, live._state, live._spread, live._innovations]
-
-
-def _made_again(
-    rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: Remembered
-) -> LiveEstimator:
-    """Return a live estimator that was pickled."""
-    return LiveEstimator(rig, estimator, compiled).resumed(belief)
 
 
 TEMPERATURE_SLOPE = -0.0011
@@ -472,8 +458,6 @@ class LogUnits:
     Args:
         rig: the description, or a shipped rig's name, or a path.
         channels: sensors in a sample; default those of `LiveEstimator(rig)`, in its order.
-        temperature_slope: relative change of torque constants with temperature [1/K], used where
-            `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
         doubting: whether readings that may be old are missing, see `RawToSI`.
@@ -483,7 +467,6 @@ class LogUnits:
         self,
         rig: Rig | str | Path,
         channels: Sequence[str] | None = None,
-        temperature_slope: float = TEMPERATURE_SLOPE,
         *,
         ranged: bool = True,
         doubting: bool = True,
@@ -498,7 +481,6 @@ class LogUnits:
         self._at = {
             name: i for names in (self.channels, self.columns) for i, name in enumerate(names)
         }
-        self._slope = temperature_slope
         self._ways = {"ranged": ranged, "doubting": doubting}
         self.reset()
 
@@ -533,9 +515,7 @@ class LogUnits:
 
         Turns are kept for encoders that wrap, not for motors that count their turns.
         """
-        other = LogUnits(
-            rig, self.channels, temperature_slope=self._slope, doubting=self._ways["doubting"]
-        )
+        other = LogUnits(rig, self.channels, doubting=self._ways["doubting"])
         other._to_si.follow(self._to_si)
         return other
 
@@ -568,9 +548,10 @@ class LogUnits:
             raise EstimationError(f"'{self.columns[at]}' cannot be {logged[at]:g}")
         sample = self._to_si.take(time, logged.tolist())
         for name, temperature in (temperatures or {}).items():
-            _check_temperature(name, temperature)
+            if not abs(_number(name, temperature)) <= HOTTEST:
+                raise EstimationError(f"temperatures: '{name}' cannot have {temperature!r} °C")
             for i in self._torques_of(name):
-                sample[i] *= 1.0 + self._slope * (temperature - REFERENCE)
+                sample[i] *= 1.0 + TEMPERATURE_SLOPE * (temperature - REFERENCE)
         return sample
 
     def _logged(self, values: Values) -> Floats:
@@ -616,11 +597,3 @@ def _number(name: str, value: object) -> float:
     if number in (inf, -inf):
         raise EstimationError(f"'{name}' is infinite")
     return number
-
-
-def _check_temperature(motor: str, temperature: object) -> None:
-    if (
-        not isinstance(temperature, (int, float, np.number))
-        or not abs(float(temperature)) <= HOTTEST
-    ):
-        raise EstimationError(f"temperatures: '{motor}' cannot have {temperature!r} °C")

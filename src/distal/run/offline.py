@@ -9,7 +9,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TypeVar
@@ -23,7 +23,6 @@ from distal.estimators import (
     LARGEST_ANGLE,
     WILD,
     AdaptiveFilter,
-    Belief,
     KernelEstimator,
     RegressionEstimator,
     StateKind,
@@ -32,7 +31,7 @@ from distal.estimators import (
     state_units,
     usual_estimator,
 )
-from distal.homing import check_homing, home, homed, with_prior_maps, with_references
+from distal.homing import Run, check_homing, home, homed, with_prior_maps, with_references
 from distal.kernels import AT_ONCE, Feed, advance, covariance_of, in_order, mean_of, variances_of
 from distal.logs import (
     LARGEST_READING,
@@ -149,24 +148,6 @@ def estimate(
     return finished(run, means, spreads, innovations, variances, matrices)
 
 
-@dataclass(frozen=True)
-class Run:
-    """A log and an estimator, ready to run.
-
-    Args:
-        estimator: to run over it.
-        samples: values of the estimator's channels, (k, n_channels).
-        start: belief before the first sample.
-        homing: for how long the true angle is used as a reference [s], or None.
-    """
-
-    log: Log
-    estimator: KernelEstimator
-    samples: Floats
-    start: Belief
-    homing: float | None
-
-
 def references_of(chosen: KernelEstimator) -> dict[str, int]:
     """Return channel → index of the joint, for each sensor of a joint's angle that the estimator
     reads.
@@ -233,10 +214,10 @@ def prepared(log: Log, chosen: KernelEstimator, homing: float | None = None) -> 
             read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
     samples = samples_of(read, chosen.channels, chosen.name, chosen.bridged or None)
     start = chosen.beginning(log.time, samples)
+    run = Run(log, chosen, samples, start, homing)
     if homing is not None and isinstance(chosen, AdaptiveFilter) and references_of(chosen):
-        adapted = home(chosen, start, log, samples, truths, homing)
-        return Run(log, adapted.estimator, adapted.samples, adapted.start, homing)
-    return Run(log, chosen, samples, start, homing)
+        return home(chosen, run, truths, homing)
+    return run
 
 
 def without_covariances(
@@ -352,15 +333,15 @@ def finished(
         innovations = innovations[:, columns]
         variances = variances[:, columns]
     measured = tuple(chosen.measured[i] for i in columns)
-    units = state_units(chosen)
-    kept = [*range(len(units))] if kept is None else list(kept)
-    prior_means, prior_stds = (None if of is None else of[kept] for of in priors_of(chosen))
-    kinds, parts = kinds_of(chosen)
+    states = [*zip(chosen.state_names, *kinds_of(chosen), state_units(chosen))]
+    kept = [*range(len(states))] if kept is None else [*kept]
+    names, kinds, parts, units = zip(*(states[i] for i in kept))
+    prior_means, prior_stds = (of[kept] for of in priors_of(chosen))
     return Estimate(
         chosen.name,
         chosen.rig.name,
         log.time,
-        tuple(chosen.state_names[i] for i in kept),
+        names,
         frozen(means),
         frozen(spreads),
         measured,
@@ -376,17 +357,20 @@ def finished(
         stamps=log.stamps,
         torque_truths=torques,
         unseen=chosen.unseen if isinstance(chosen, AdaptiveFilter) else None,
-        state_kinds=tuple(kinds[i] for i in kept),
-        state_parts=tuple(parts[i] for i in kept),
-        state_units=tuple(units[i] for i in kept),
+        state_kinds=kinds,
+        state_parts=parts,
+        state_units=units,
     )
 
 
-def priors_of(chosen: KernelEstimator) -> tuple[Floats | None, Floats | None]:
-    """Return prior means and stds, (n,) each, NaN for states that are not constants of the rig;
-    (None, None) for an estimator other than `adaptive`.
+def priors_of(chosen: KernelEstimator) -> tuple[Floats, Floats]:
+    """Return prior means and stds, (n,) each, NaN for states that are not constants of the rig, as
+    are all of an estimator other than `adaptive`.
     """
-    return chosen.priors if isinstance(chosen, AdaptiveFilter) else (None, None)
+    if isinstance(chosen, AdaptiveFilter):
+        return chosen.priors
+    none = np.full(len(chosen.state_names), np.nan)
+    return none, none
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:

@@ -139,12 +139,8 @@ class Redundancy:
         causes = list[tuple[float, str]]()
         for k, part in enumerate(self._parts):
             of_part = memory[self._layout[f"part_{k}"]]
-            names = part.learned.channels
-            words = [f"{names[i]} and {names[j]} look exchanged" for i, j in part.pairs]
-            words += [f"{name} looks late" for name in names]
-            words += [f"{name} looks as if its sign were wrong" for name in names]
             evidence = of_part[part.memory["beside_touch"]]
-            causes += [pair for pair in zip(evidence, words) if pair[0] > -np.log(PRIOR)]
+            causes += [pair for pair in zip(evidence, part.suspicions) if pair[0] > -np.log(PRIOR)]
         return [text for _, text in sorted(causes, reverse=True)]
 
     def jumped(self, memory: Floats) -> str:
@@ -282,10 +278,30 @@ class _Part:
         """The shape of its map."""
         return Shape.of(self.learned)
 
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of positions that may be exchanged."""
-        return list(combinations(range(len(self.learned.channels)), 2))
+    def hypotheses(self, read: VectorNode, earlier: VectorNode) -> dict[str, VectorNode]:
+        """Return what may be wrong in words → what the readings would be without it.
+
+        Args:
+            read: the readings.
+            earlier: those `LATE` before.
+        """
+        names = self.learned.channels
+        found = dict[str, VectorNode]()
+        for i, j in combinations(range(len(names)), 2):
+            order = list(range(len(self.read)))
+            order[i], order[j] = j, i
+            found[f"{names[i]} and {names[j]} look exchanged"] = read[order]
+        for k, name in enumerate(names):
+            found[f"{name} looks late"] = ca.vertcat(earlier[:k], read[k], earlier[k + 1 :])
+        for k, name in enumerate(names):
+            turned = ca.vertcat(read[:k], -read[k], read[k + 1 :])
+            found[f"{name} looks as if its sign were wrong"] = turned
+        return found
+
+    @cached_property
+    def suspicions(self) -> list[str]:
+        """What may be wrong, in words."""
+        return [*self.hypotheses(*[ca.MX(len(self.read), 1)] * 2)]
 
     @property
     def memory(self) -> Layout:
@@ -294,7 +310,7 @@ class _Part:
         evidence for them beside free motion, and beside a touch; and the readings before, with the
         time since the last of them [s].
         """
-        count = len(self.pairs) + 2 * len(self.learned.channels)
+        count = len(self.suspicions)
         size = self.shape.memory.size
         return Layout(
             features=size,
@@ -349,16 +365,8 @@ class _Part:
         kept = ca.if_else(is_next, ca.horzcat(read, kept[:, :-1]), kept)
         clock = ca.if_else(is_next, 0, clock)
         earlier = kept[:, -1] + ca.fmin(clock * KEPT / LATE, 1) * (kept[:, -2] - kept[:, -1])
-        readings = []
-        for i, j in self.pairs:
-            order = list(range(len(self.read)))
-            order[i], order[j] = j, i
-            readings.append(read[order])
-        for k in range(self.shape.channels):
-            readings.append(ca.vertcat(earlier[:k], read[k], earlier[k + 1 :]))
-        for k in range(self.shape.channels):
-            readings.append(ca.vertcat(read[:k], -read[k], read[k + 1 :]))
-        count = len(readings)
+        count = len(self.suspicions)
+        readings = ca.horzcat(*self.hypotheses(read, earlier).values())
         turn = ca.if_else(begins, 0, was["turn"])
         chosen = ca.DM(range(count)) == turn
         since = ca.if_else(begins, -1, was["since"])
@@ -368,7 +376,7 @@ class _Part:
             ca.mtimes(was["supposed"], chosen),
             age < 0,
             waited,
-            ca.mtimes(ca.horzcat(*readings), chosen),
+            ca.mtimes(readings, chosen),
             mask,
         )
         # a pose tells one thing, however long it is held: as much as a way of one std tells
