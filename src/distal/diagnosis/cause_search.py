@@ -177,23 +177,31 @@ class PerturbedRuns:
         return replace(self._run.start, kernel_state=kernel_state), samples, p
 
 
-@dataclass(frozen=True)
 class Derivatives:
-    """The filter over a log, and how its results depend on the causes.
+    """The filter over a log, and how its results depend on causes, by one pass of the filter over
+    the log in vector lanes.
 
     Args:
         runs: of the filter.
-        causes: all that were perturbed.
-        base: the run as the rig says.
-        angles: derivatives of the angles by the causes, (n, k, n_joints).
-        innovations: derivatives of ν/√S by the causes at the S of the base, (n, k, m).
+        causes: all that are perturbed.
     """
 
-    runs: PerturbedRuns
-    causes: tuple[Cause, ...]
-    base: Outcome
-    angles: Floats
-    innovations: Floats
+    def __init__(self, runs: PerturbedRuns, causes: Sequence[Cause]) -> None:
+        self.runs = runs
+        self.causes = causes
+        self.base, *ends = runs([{}, *({cause: cause.step} for cause in causes)])
+        base = self.base
+        spread = np.sqrt(base.innovation_variances)
+        pairs = [*zip(causes, ends)]
+        with np.errstate(invalid="ignore"):
+            angles = [(end.angles - base.angles) / cause.step for cause, end in pairs]
+            innovations = [
+                (end.innovations / spread - base.normalized) / cause.step for cause, end in pairs
+            ]
+        self.angles: Floats = np.array(angles)
+        """Derivatives of the angles by the causes, (n, k, n_joints)."""
+        self.innovations: Floats = np.array(innovations)
+        """Derivatives of ν/√S by the causes at the S of the base, (n, k, m)."""
 
     def test(self, *, of_truth: bool) -> ScoreTest:
         """Return the score test of the causes: of the innovations, or of the angles' errors in
@@ -210,20 +218,6 @@ class Derivatives:
         residuals = self.base.normalized
         limits = np.sqrt(OUTLIER * np.maximum(finite_means(residuals**2), 1.0))
         return ScoreTest(np.clip(residuals, -limits, limits), self.innovations, time, stds)
-
-
-def derivatives_of(runs: PerturbedRuns, causes: Sequence[Cause]) -> Derivatives:
-    """Return the filter's results and their derivatives, by one pass of the filter over the log in
-    vector lanes.
-    """
-    base, *ends = runs([{}, *({cause: cause.step} for cause in causes)])
-    spread = np.sqrt(base.innovation_variances)
-    with np.errstate(invalid="ignore"):
-        angles = [(end.angles - base.angles) / c.step for c, end in zip(causes, ends)]
-        innovations = [
-            (end.innovations / spread - base.normalized) / c.step for c, end in zip(causes, ends)
-        ]
-    return Derivatives(runs, tuple(causes), base, np.array(angles), np.array(innovations))
 
 
 @dataclass(frozen=True)

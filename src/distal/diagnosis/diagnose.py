@@ -14,12 +14,12 @@ from distal.confidence import BAND, COVERED
 from distal.diagnosis.cause_search import (
     UNFELT,
     Change,
+    Derivatives,
     Gains,
     Outcome,
     PerturbedRuns,
     Search,
     candidates,
-    derivatives_of,
     unfelt,
     wrong_readings,
 )
@@ -125,7 +125,7 @@ def diagnose(
     wide = not (result.truths is None or truth or result.is_taught)
     is_searched = not stuck and bool(truth or disagrees or wide)
     asked = [cause for cause in causes if is_searched or cause.kind in UNFELT]
-    derivatives = derivatives_of(runs, asked)
+    derivatives = Derivatives(runs, asked)
     if not derivatives.base.bounded:
         return diagnose_estimate(result, further + named)
     test = derivatives.test(of_truth=False)
