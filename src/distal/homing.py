@@ -15,6 +15,7 @@ from distal.estimators import (
     LARGEST_ANGLE,
     AdaptiveFilter,
     Belief,
+    KernelEstimator,
     channels_of,
     of_part,
     offsets_of,
@@ -211,30 +212,26 @@ def homed(angles: Floats, truths: Floats, early: Bools) -> Floats:
 
 
 @dataclass(frozen=True)
-class Homed:
-    """A run after its homing move.
+class Run:
+    """A log and an estimator, ready to run.
 
     Args:
-        estimator: the filter with the maps of this run.
-        start: its first belief.
-        samples: values of its channels, (k, n_channels).
+        estimator: to run over it.
+        samples: values of the estimator's channels, (k, n_channels).
+        start: belief before the first sample.
+        homing: for how long the true angle is used as a reference [s], or None.
     """
 
-    estimator: AdaptiveFilter
-    start: Belief
+    log: Log
+    estimator: KernelEstimator
     samples: Floats
+    start: Belief
+    homing: float | None = None
 
 
 @one_blas_thread()
-def home(
-    estimator: AdaptiveFilter,
-    start: Belief,
-    log: Log,
-    samples: Floats,
-    truths: Floats,
-    homing: float,
-) -> Homed:
-    """Return filter, first belief and samples of a run, adapted by its homing move.
+def home(estimator: AdaptiveFilter, run: Run, truths: Floats, homing: float) -> Run:
+    """Return a run, adapted by its homing move.
 
     The run itself reads no reference. Where no log has taught a map, the filter first reads the
     reference in the window, and the run begins with the parameters that it then has, if it stays
@@ -243,12 +240,13 @@ def home(
     Args:
         estimator: the filter, whose channels contain the reference, with maps (see
             `with_prior_maps`).
-        start: its belief before the first sample.
-        log: the whole run.
-        samples: values of its channels, with the reference only in the window, (k, n_channels).
+        run: whose samples have the reference only in the window.
         truths: true angles [rad], NaN where not known, (k, n_joints).
         homing: length of the window [s].
     """
+    log = run.log
+    samples = run.samples
+    start = run.start
     early = log.time - log.time[0] < homing
     unaided = samples.copy()
     unaided[:, len(estimator.positions) :] = np.nan
@@ -262,7 +260,7 @@ def home(
         if np.all(np.abs(plain.angles) <= LARGEST_ANGLE):  # NaN is not below it either
             break
     else:
-        return Homed(estimator, start, unaided)
+        return replace(run, samples=unaided, start=start)
     names = estimator.channels[: len(estimator.positions)]
     of_readings = samples_of_readings(log, samples[:, : len(names)], truths)
     changed = dict[str, object]()
@@ -275,8 +273,8 @@ def home(
             part = of_part(of, estimator.rig, names, learned.joints, learned.channels)
             conditioned.append(_conditioned(learned, part, early, offsets))
         changed[kind] = tuple(conditioned)
-    homed = estimator.with_maps(estimator.maps.model_copy(update=changed))
-    return Homed(homed, first, unaided)
+    adapted = estimator.with_maps(estimator.maps.model_copy(update=changed))
+    return replace(run, estimator=adapted, samples=unaided, start=first)
 
 
 def with_prior_maps(rig: Rig) -> Rig:

@@ -14,7 +14,7 @@ from scipy.stats import binom
 from distal import Log, Rig, estimate, load_rig, load_scenario, read_log, simulate
 from distal.confidence import BAND, COVERED
 from distal.diagnosis import why_diverged
-from distal.diagnosis.cause_search import MOST_SAMPLES, PerturbedRuns, Search, derivatives_of
+from distal.diagnosis.cause_search import MOST_SAMPLES, Derivatives, PerturbedRuns, Search
 from distal.diagnosis.causes import Cause, causes_of
 from distal.diagnosis.diagnose import against_truth, elsewhere, out_of_range
 from distal.diagnosis.innovation_tests import LEVEL, SPAN
@@ -79,7 +79,7 @@ class TestRuns:
     def test_derivatives_lead_to_the_run_with_the_change(self, runs: PerturbedRuns) -> None:
         """With ten times the step, nearly: a kinked filter is no straight line."""
         for zero in (cause for cause in causes_of(runs.estimator, 0.01) if cause.kind == "zero"):
-            slopes = derivatives_of(runs, [zero])
+            slopes = Derivatives(runs, [zero])
             base, far = runs([{}, {zero: 10.0 * zero.step}])
             for slope, change in (
                 (slopes.angles[0], far.angles - base.angles),

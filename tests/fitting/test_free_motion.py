@@ -106,7 +106,7 @@ def test_neither_numbers_nor_innovations_accuse_a_rig_that_logs_taught(
         }
     )
     for described, accused in ((wrong.bare(), True), (wrong, False)):
-        assert bool(Watch.of(LiveEstimator(described).estimator).watched) is accused
+        assert bool(Watch(LiveEstimator(described).estimator).watched) is accused
         kinds = {finding.kind for finding in diagnose(estimate(free[3], described)).findings}
         assert kinds == ({"too large", "left its prior"} if accused else set())
         assert log_health(free[3], described)[-1] == ("disagrees" if accused else "ok")

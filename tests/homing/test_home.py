@@ -13,7 +13,7 @@ import pytest
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
-from distal.homing import home, samples_of_readings, with_prior_maps, with_references
+from distal.homing import Run, home, samples_of_readings, with_prior_maps, with_references
 from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
@@ -115,7 +115,8 @@ def test_parameters_with_which_the_filter_diverges_are_not_taken(
     read = samples_of(of_stranger, estimator.channels[:-1])
     samples = np.column_stack([read, np.where(of_stranger.time[:, None] < 2.0, truths, np.nan)])
     start = estimator.initial(0.0, samples[0])
-    homed = home(estimator, start, of_stranger, samples, truths, 2.0)
+    run = Run(of_stranger, estimator, samples, start)
+    homed = home(estimator, run, truths, 2.0)
     lasting = np.flatnonzero(estimator.states.lasting)
     assert not np.array_equal(homed.start.kernel_state[lasting], start.kernel_state[lasting])
     assert np.isnan(homed.samples[:, -1]).all()
@@ -123,7 +124,7 @@ def test_parameters_with_which_the_filter_diverges_are_not_taken(
     lost[0] = np.nan
     far = replace(homed.start, kernel_state=lost)
     monkeypatch.setattr(homing_of_a_run, "_with_parameters", lambda *_: far)
-    again = home(estimator, start, of_stranger, samples, truths, 2.0)
+    again = home(estimator, run, truths, 2.0)
     np.testing.assert_array_equal(again.start.kernel_state[lasting], start.kernel_state[lasting])
     for learned in again.estimator.maps.filter:
         assert np.isfinite(learned.arrays["mean"]).all()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from distal import LiveEstimator, Log, Monitor, Rig, estimate
-from distal.run import HealthLimits, Reading, samples_of
+from distal.run import Reading, samples_of
 from tests.helpers import PULLEYS, changed
 
 GOOD = "untested"
@@ -77,17 +77,10 @@ def test_samples_without_values_are_as_samples_that_do_not_come(
     is_silent = (k >= 100) & (k < after[0])
     silent = {name: np.where(is_silent, np.nan, v) for name, v in log.channels.items()}
     empty = take(monitor, changed(log, **silent), range(400))
-    limits = HealthLimits(longest_gap=1.5)
-    bridged = take(Monitor(LiveEstimator(rig), limits), log, [*range(100), *after])
+    bridged = take(Monitor(LiveEstimator(rig)), log, [*range(100), *after])
     assert empty[after[0] - 1].angle_std > 3 * bridged[99].angle_std  # meanwhile it knows less
     same = [one.angle == other.angle for one, other in zip(empty[after[0] :], bridged[100:])]
     assert all(same) if goes_on else not any(same)
-
-
-def test_limits_are_those_that_are_given(rig: Rig, log: Log) -> None:
-    patient = Monitor(LiveEstimator(rig), HealthLimits(waiting=50.0))
-    assert "gap" not in words_of(take(patient, log, [*range(100), *range(120, 200)]))
-    assert patient.clone(LiveEstimator(rig))._limits.waiting == 50.0
 
 
 def test_a_clock_that_was_set_back(monitor: Monitor, log: Log) -> None:

@@ -81,7 +81,7 @@ def test_of_what_logs_taught_the_end_of_a_range_is_no_news(rig: Rig) -> None:
     """They say where a position may be; without them a motor beyond its range has slipped."""
     with_stops = rig.with_values({"joints.finger.stops": ["-5 deg", "100 deg"]})
     for described, count in ((with_stops, 0), (with_stops.bare(), 1)):
-        assert len(Watch.of(LiveEstimator(described).estimator).ends) == count
+        assert len(Watch(LiveEstimator(described).estimator).ends) == count
 
 
 def test_of_what_logs_taught_a_repetition_is_no_fault(rig: Rig) -> None:
@@ -98,7 +98,7 @@ def test_of_what_logs_taught_a_repetition_is_no_fault(rig: Rig) -> None:
 def test_of_what_logs_taught_a_touch_is_what_its_forces_say(rig: Rig) -> None:
     """The filter's own touches are said only of a rig that no log taught."""
     for described, is_said in ((rig, 0.0), (rig.bare(), 1.0)):
-        watch = Watch.of(LiveEstimator(described).estimator)
+        watch = Watch(LiveEstimator(described).estimator)
         sample = np.zeros(watch.sample.size)
         values = [column[0] for column in LOGS[0].channels.values()]
         for name in ("first", "mask", "variances", "touched"):
@@ -161,7 +161,7 @@ def test_the_means_are_those_of_the_errors_on_the_log(rig: Rig) -> None:
     log = LOGS[0]
     [learned] = rig.map.efforts  # type: ignore[union-attr]
     monitor, count = Monitor(LiveEstimator(rig)), 1000
-    watch, samples = Watch.of(monitor._live.estimator), samples_of(log, monitor.channels)
+    watch, samples = Watch(monitor._live.estimator), samples_of(log, monitor.channels)
     for time, sample in zip(log.time[:count], samples):
         monitor.take(float(time), sample)
     [part] = watch.redundancy._parts

@@ -17,11 +17,10 @@ from itertools import combinations
 from math import log1p, sqrt
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from distal.arrays import Floats
 from distal.confidence import BAND, LARGE_PRIOR
-from distal.diagnosis.causes import THRESHOLDS, UNITS, Cause, of_sensors, starts_of, swap
+from distal.diagnosis.causes import UNITS, Cause, of_sensors, starts_of, swap
 from distal.diagnosis.innovation_tests import (
     SPAN,
     ScoreTest,
@@ -32,7 +31,6 @@ from distal.diagnosis.innovation_tests import (
 from distal.estimators import AdaptiveFilter, Belief, KernelEstimator, Robustness, first_values
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
-from distal.regression import MOST
 from distal.rig import Rig
 from distal.run.offline import out_of_bounds, prepared
 from distal.run.redundancy import Redundancy
@@ -179,23 +177,31 @@ class PerturbedRuns:
         return replace(self._run.start, kernel_state=kernel_state), samples, p
 
 
-@dataclass(frozen=True)
 class Derivatives:
-    """The filter over a log, and how its results depend on the causes.
+    """The filter over a log, and how its results depend on causes, by one pass of the filter over
+    the log in vector lanes.
 
     Args:
         runs: of the filter.
-        causes: all that were perturbed.
-        base: the run as the rig says.
-        angles: derivatives of the angles by the causes, (n, k, n_joints).
-        innovations: derivatives of ν/√S by the causes at the S of the base, (n, k, m).
+        causes: all that are perturbed.
     """
 
-    runs: PerturbedRuns
-    causes: tuple[Cause, ...]
-    base: Outcome
-    angles: Floats
-    innovations: Floats
+    def __init__(self, runs: PerturbedRuns, causes: Sequence[Cause]) -> None:
+        self.runs = runs
+        self.causes = causes
+        self.base, *ends = runs([{}, *({cause: cause.step} for cause in causes)])
+        base = self.base
+        spread = np.sqrt(base.innovation_variances)
+        pairs = [*zip(causes, ends)]
+        with np.errstate(invalid="ignore"):
+            angles = [(end.angles - base.angles) / cause.step for cause, end in pairs]
+            innovations = [
+                (end.innovations / spread - base.normalized) / cause.step for cause, end in pairs
+            ]
+        self.angles: Floats = np.array(angles)
+        """Derivatives of the angles by the causes, (n, k, n_joints)."""
+        self.innovations: Floats = np.array(innovations)
+        """Derivatives of ν/√S by the causes at the S of the base, (n, k, m)."""
 
     def test(self, *, of_truth: bool) -> ScoreTest:
         """Return the score test of the causes: of the innovations, or of the angles' errors in
@@ -214,21 +220,6 @@ class Derivatives:
         return ScoreTest(np.clip(residuals, -limits, limits), self.innovations, time, stds)
 
 
-def derivatives_of(runs: PerturbedRuns, causes: Sequence[Cause]) -> Derivatives:
-    """Return the filter's results and their derivatives, by one pass of the filter over the log in
-    vector lanes.
-    """
-    base, *ends = runs([{}, *({cause: cause.step} for cause in causes)])
-    spread = np.sqrt(base.innovation_variances)
-    angles = list[Floats]()
-    innovations = list[Floats]()
-    with np.errstate(invalid="ignore"):
-        for cause, end in zip(causes, ends):
-            angles.append((end.angles - base.angles) / cause.step)
-            innovations.append((end.innovations / spread - base.normalized) / cause.step)
-    return Derivatives(runs, tuple(causes), base, np.array(angles), np.array(innovations))
-
-
 @dataclass(frozen=True)
 class Trial:
     """Causes that are taken off in a run of the filter: one, or two together.
@@ -242,6 +233,33 @@ class Trial:
     change: Change
     outcome: Outcome
     gain: float
+
+
+NEARER = (0.6, 0.85, 1.15, 1.4)
+"""Shares of a change that are tried beside it [1]. Source: judgement."""
+
+LIKELIEST = 4
+"""Number of the likeliest causes that are refined; twice as many are tried beside the first [1].
+Source: judgement.
+"""
+
+LARGEST_CHANGE = 0.7
+"""Largest change of a factor by the score test alone [1]: it is linear. Source: judgement."""
+
+FRICTIONS_TRIED = (-0.6, 1.5)
+"""Changes of friction and damping that are tried [1]: kinks hide their derivatives. Source:
+judgement.
+"""
+
+HALF = 0.5
+"""Largest share of the error of a joint that a cause may leave [1]: what leaves more explains
+little. Source: definition (half).
+"""
+
+NOISE_SHARE = 0.3
+"""Share ε of the band's std that is noise, and not an error of the rig [1]: smaller errors are not
+explained. Source: judgement.
+"""
 
 
 def candidates(
@@ -259,10 +277,10 @@ def candidates(
     for i, cause in enumerate(causes):
         tried = list(cause.tried)
         if cause.kind in ("friction", "damping"):
-            tried += THRESHOLDS.frictions_tried
+            tried += FRICTIONS_TRIED
         for x in sized.get(cause, ()):
             tried += [x, sqrt(1.0 + x) - 1.0] if cause.is_factor and x > -1.0 else [x]
-        limit = THRESHOLDS.largest_change if cause.is_factor else np.inf
+        limit = LARGEST_CHANGE if cause.is_factor else np.inf
         tried += [
             float(np.clip(test.estimates[i], -limit, limit))
             for test in tests
@@ -310,24 +328,20 @@ class Search:
         if self.of_truth:
             near = [
                 {cause: share * x}
-                for trial in trials[: THRESHOLDS.likeliest]
+                for trial in trials[:LIKELIEST]
                 for cause, x in trial.change.items()
-                for share in THRESHOLDS.nearer
+                for share in NEARER
                 if cause.kind != "swap"
             ]
-            likely = {
-                cause for trial in trials[1 : 2 * THRESHOLDS.likeliest] for cause in trial.change
-            }
+            likely = {cause for trial in trials[1 : 2 * LIKELIEST] for cause in trial.change}
             others = [change for change in changes if likely.issuperset(change)]
             pairs = [{**trials[0].change, **other} for other in others]
-            again = self._weighed(self._tried([*near, *pairs]))
-            trials = self._best([*trials, *(trial for trial in again if len(trial.change) == 1)])
-            best = trials[0]
-            together = (trial for trial in again if len(trial.change) == 2)
-            both = max(together, key=lambda trial: trial.gain, default=best)
-            needed = best.gain + quantile(len(trials)) ** 2
-            if both.gain > needed and self._halves(both.outcome, best.outcome):
-                trials = [both]
+            found = self._best([*trials, *self._weighed(self._tried([*near, *pairs]))])
+            trials = [trial for trial in found if len(trial.change) == 1]
+            both = [trial for trial in found if len(trial.change) == 2][:1]
+            needed = trials[0].gain + quantile(len(trials)) ** 2
+            if any(t.gain > needed and self._halves(t.outcome, trials[0].outcome) for t in both):
+                trials = both
             trials = [trial for trial in trials if self._halves(trial.outcome, self.base)]
         else:
             # a known angle may speak against what the innovations allow
@@ -350,11 +364,11 @@ class Search:
         return list(best.values())
 
     def _halves(self, outcome: Outcome, before: Outcome) -> bool:
-        """Return whether the largest error of a joint falls to `Thresholds.half` of what it was
+        """Return whether the largest error of a joint falls to `HALF` of what it was
         before; a filter that was lost had an error of a radian.
         """
         last = max(self._squares(before)) if before.bounded else 1.0
-        return outcome.bounded and bool(max(self._squares(outcome)) < THRESHOLDS.half**2 * last)
+        return outcome.bounded and bool(max(self._squares(outcome)) < HALF**2 * last)
 
     def _squares(self, outcome: Outcome) -> Floats:
         return finite_means(self.runs.errors(outcome) ** 2)
@@ -369,10 +383,8 @@ class Search:
             return 0.0
         variances = np.mean(outcome.variances, axis=0)
         usual = np.mean(self.base.variances, axis=0) if self.base.bounded else variances
-        noise = THRESHOLDS.noise_share**2 * np.minimum(variances, usual)
-        spread = (
-            self._squares(outcome) + noise + np.maximum(THRESHOLDS.half**2 * variances - usual, 0.0)
-        )
+        noise = NOISE_SHARE**2 * np.minimum(variances, usual)
+        spread = self._squares(outcome) + noise + np.maximum(HALF**2 * variances - usual, 0.0)
         return self._count * float(np.sum(np.log(spread)))
 
     def _gain(self, change: Change, outcome: Outcome) -> float:
@@ -380,7 +392,7 @@ class Search:
         far = sum(log1p(cause.distance(x) ** 2) for cause, x in change.items())
         if self.of_truth:
             worse = outcome.excess() - (base.excess() if base.bounded else 0.0)
-            if worse > THRESHOLDS.half:
+            if worse > HALF:
                 return -np.inf  # a reading so wrong that the filter leaves it out explains nothing
             likelier = 0.5 * (self._cost(base) - self._cost(outcome)) - self._count * max(
                 worse, 0.0
@@ -443,39 +455,32 @@ def wrong_readings(log: Log, rig: Rig) -> Gains:
     spans = max(np.ptp(time) / SPAN, 1.0)
     weights = np.array([len(learned.joints) for learned in redundancy.maps])
 
-    def judged(cause: Cause, x: float) -> tuple[float, float]:
-        """Return the cost of a change, and the share of the log that is not as in free motion."""
+    def judged(cause: Cause, x: float) -> tuple[float, float, float]:
+        """Return the cost of a change, the share of the log that is not as in free motion, and the
+        change.
+        """
         samples = readings.copy()
         cause.apply(x, samples, names, time)
         is_read = np.isfinite(samples)
         costs, unlike, outside = redundancy.along(time, np.where(is_read, samples, 0.0), is_read)
-        costs = np.where(outside > 0.0, MOST, costs)
         far = 2.0 * log1p(cause.distance(x) ** 2)
-        share = float(np.mean((outside + unlike).any(axis=1)))
-        return spans * float(np.mean(costs @ weights)) + far, share
+        share = float(np.mean(np.hstack([outside, unlike]).any(axis=1)))
+        return spans * float(np.mean(costs @ weights)) + far, share, x
 
     read = list(of_sensors(rig, names, float(np.median(np.diff(time)))))
-    before, share = judged(read[0], 0.0)
-    tried = list[tuple[Cause, float, float]]()
-    for cause in [*read, *_of_all(rig, names)]:
-        costs = {x: judged(cause, x)[0] for x in (*cause.tried, *_sizes(cause, readings, names))}
-        if costs:
-            tried.append((cause, *min(costs.items(), key=lambda pair: pair[1])))
+    before, share, _ = judged(read[0], 0.0)
+    tried = [
+        (min(judged(cause, x) for x in sizes), cause)
+        for cause in [*read, *_of_all(rig, names)]
+        if (sizes := [*cause.tried, *_sizes(cause, readings, names)])
+    ]
     trials: Gains = []
-    for cause, size, cost in sorted(tried, key=lambda trial: trial[2])[:SIZES]:
-        if size not in cause.tried:
-            sizes = _sizes(cause, readings, names)
-            step = min(abs(other - size) for other in sizes if other != size)
-            nearest = minimize_scalar(
-                lambda x, cause: judged(cause, x)[0],
-                args=(cause,),
-                bounds=(size - step, size + step),
-                method="bounded",
-            )
-            size = nearest.x
-            cost = nearest.fun
-        if judged(cause, size)[1] < THRESHOLDS.half * share:
-            trials.append(({cause: size}, before - cost))
+    for best, cause in sorted(tried, key=lambda trial: trial[0])[:SIZES]:
+        cost, left, x = best
+        if x not in cause.tried:
+            cost, left, x = min(best, *(judged(cause, part * x) for part in NEARER))
+        if left < HALF * share:
+            trials.append(({cause: x}, before - cost))
     return sorted(trials, key=lambda trial: -trial[1])
 
 

@@ -57,58 +57,10 @@ ZERO = "zero or pre-tension"
 """Group of causes that shift the position of a drive alike; nothing proximal tells them apart."""
 
 
-@dataclass(frozen=True)
-class Thresholds:
-    """What a log is diagnosed by where nothing but judgement says how.
-
-    Args:
-        alike: difference of the logarithms of a factor and that of a unit, below which the factor
-            is that unit [1].
-        large_ratio: largest normal mean of ν²/S of a channel [1]; a filter is an approximation, and
-            right rigs have up to that.
-        seldom: share of a channel's samples that are compared, below which a finding says so [1].
-        never_compared: the same share, below which the channel tests nothing [1].
-        coloured: correlation of a channel's neighbouring innovations from which on the rig or the
-            sensor is doubted [1]; a moment arm that is 20 % wrong on one side of two gives 0.3 to
-            0.7.
-        noise_ratio: mean of ν²/S above which a channel's innovations are mostly noise [1]; below
-            it, S is mostly the uncertainty of the rig's parameters, whose errors last.
-        largest_travel: range of an angle above which it is of no joint that tendons pull [rad];
-            fingers and wrists turn by 180° at most.
-        outside_share: share of a log's samples outside a drive's range, or outside the range of a
-            fit, from which on a finding says so [1].
-        active: spread of a force, as a share of that elsewhere, from which on it goes on [1].
-        nearer: shares of a change that are tried beside it [1].
-        likeliest: number of the likeliest causes that are refined; twice as many are tried beside
-            the first [1].
-        largest_change: largest change of a factor by the score test alone [1]: it is linear.
-        frictions_tried: changes of friction and damping that are tried [1]: kinks hide their
-            derivatives.
-        half: largest share of the error of a joint that a cause may leave [1]: what leaves more
-            explains little.
-        noise_share: share ε of the band's std that is noise, and not an error of the rig [1]:
-            smaller errors are not explained.
-    """
-
-    alike: float = 0.15
-    large_ratio: float = 1.7
-    seldom: float = 0.5
-    never_compared: float = 0.1
-    coloured: float = 0.3
-    noise_ratio: float = 0.5
-    largest_travel: float = radians(270.0)
-    outside_share: float = 0.05
-    active: float = 0.5
-    nearer: tuple[float, ...] = (0.6, 0.85, 1.15, 1.4)
-    likeliest: int = 4
-    largest_change: float = 0.7
-    frictions_tried: tuple[float, ...] = (-0.6, 1.5)
-    half: float = 0.5
-    noise_share: float = 0.3
-
-
-THRESHOLDS = Thresholds()
-"""Of every diagnosis."""
+ALIKE = 0.15
+"""Difference of the logarithms of a factor and that of a unit, below which the factor is that unit
+[1]. Source: judgement.
+"""
 
 
 @dataclass(frozen=True)
@@ -173,12 +125,12 @@ def _like(rig: Rig, cause: Cause, x: float) -> str:
 def _like_a_scale(rig: Rig, cause: Cause, factor: float) -> str:
     """Return what readings look like that are `factor` times as large as the rig asks for."""
     for unit, look in UNITS.get(cause.unit, {}).items():
-        if factor > 0.0 and abs(log(factor / unit)) < THRESHOLDS.alike:
+        if factor > 0.0 and abs(log(factor / unit)) < ALIKE:
             return look
     size = abs(factor)
     sensor = sensor_of(rig, cause)
     if factor < 0.0:
-        by = "" if abs(log(size)) < THRESHOLDS.alike else f", and {size:.2g} times too large"
+        by = "" if abs(log(size)) < ALIKE else f", and {size:.2g} times too large"
         side = ", or the side of its tendon," if sensor.measures == "position" else ""
         return f"as if its sign{side} were wrong{by}"
     if sensor.measures != "position":
@@ -449,24 +401,28 @@ class _Drive:
     """What remains of a drive's position, (k,) each.
 
     Args:
-        position: sensor of the position.
-        force: name of the sensor of the pull; empty where none is read.
         residual: ρ, NaN where it is not known.
         reading: of the position.
         softened: pull over stiffness, U/K.
-        slopes: path → derivative of s by the logarithm of a parameter.
+        columns: path, or kind of cause and channels → derivative of −s by the logarithm of a
+            parameter, or of ρ by a cause.
     """
 
-    position: Sensor
-    force: str
     residual: Floats
     reading: Floats
     softened: Floats
-    slopes: dict[str, Floats]
+    columns: dict[object, Floats]
+
+    def column(self, cause: Cause) -> Floats | None:
+        """Return the derivative of ρ by a cause, (k,); None where it has none."""
+        keys = cause.paths or [(cause.kind, cause.channels)]
+        columns = [self.columns[key] for key in keys if key in self.columns]
+        column = np.sum(columns, axis=0)
+        return column if np.nansum(np.abs(column)) > 0.0 else None
 
 
 def sizes(
-    estimator: AdaptiveFilter, log: Log, truths: Floats, causes: Sequence[Cause]
+    estimator: AdaptiveFilter, log: Log, truths: Floats | None, causes: Sequence[Cause]
 ) -> dict[Cause, list[float]]:
     """Return the sizes of each cause that explain the positions of a drive best, as the only one
     beside friction: with a shift of the position beside it, and without; causes that do not act on
@@ -475,13 +431,14 @@ def sizes(
     Args:
         estimator: filter of the rig.
         log: with positions and forces.
-        truths: known angles of the joints, (k, n_joints) [rad].
+        truths: known angles of the joints, (k, n_joints) [rad], without which no cause has a
+            size.
         causes: to be sized.
     """
     sized = dict[Cause, list[float]]()
-    for drive in _drives(estimator, log, truths):
+    for drive in () if truths is None else _drives(estimator, log, truths):
         for cause in causes:
-            column = _column(cause, drive, log.time)
+            column = drive.column(cause)
             if column is not None and np.isfinite(column + drive.residual).any():
                 sized[cause] = _fitted(cause, column, drive)
     return sized
@@ -520,25 +477,14 @@ def _drives(estimator: AdaptiveFilter, log: Log, truths: Floats) -> Iterator[_Dr
         pulls = log.channels.get(force, np.zeros(len(log)))
         expect, soft, by = map(np.array, function(angles, pulls[None, :], values))
         reading = log.channels[sensor.name]
-        columns = dict(zip(parameters.names, by.reshape(len(log), -1).T))
-        yield _Drive(sensor, force, reading - expect.ravel(), reading, soft.ravel(), columns)
-
-
-def _column(cause: Cause, drive: _Drive, time: Floats) -> Floats | None:
-    """Return the derivative of a drive's ρ by a cause, (k,); None where it has none."""
-    if cause.paths:
-        column = -np.sum([drive.slopes.get(path, np.zeros(1)) for path in cause.paths], axis=0)
-        return column if np.nansum(np.abs(column)) > 0.0 else None
-    if cause.channels == (drive.position.name,):
-        columns = {
-            "scale": drive.reading,
-            "zero": np.ones(len(time)),
-            "delay": np.gradient(np.nan_to_num(drive.reading), time),
-        }
-        return columns.get(cause.kind)
-    if cause.channels == (drive.force,) and cause.kind == "scale":
-        return -drive.softened
-    return None
+        soft = soft.ravel()
+        columns: dict[object, Floats] = dict(zip(parameters.names, -by.reshape(len(log), -1).T))
+        at = (sensor.name,)
+        columns["scale", at] = reading
+        columns["zero", at] = np.ones(len(log))
+        columns["delay", at] = np.gradient(np.nan_to_num(reading), log.time)
+        columns["scale", (force,)] = -soft
+        yield _Drive(reading - expect.ravel(), reading, soft, columns)
 
 
 def _fitted(cause: Cause, column: Floats, drive: _Drive) -> list[float]:

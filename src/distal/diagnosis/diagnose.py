@@ -14,19 +14,18 @@ from distal.confidence import BAND, COVERED
 from distal.diagnosis.cause_search import (
     UNFELT,
     Change,
+    Derivatives,
     Gains,
     Outcome,
     PerturbedRuns,
     Search,
     candidates,
-    derivatives_of,
     unfelt,
     wrong_readings,
 )
 from distal.diagnosis.causes import (
     COMPLIANCE,
     SCALE,
-    THRESHOLDS,
     ZERO,
     Cause,
     Finding,
@@ -54,6 +53,15 @@ from distal.rig import Rig, position_range
 from distal.run.offline import estimator_for
 from distal.run.redundancy import Redundancy, unlike_free_motion
 from distal.units import rounded
+
+OUTSIDE = 0.05
+"""Share of a log's samples outside a drive's range, or outside the range of a fit, from which on a
+finding says so [1]. Source: judgement.
+"""
+
+ACTIVE = 0.5
+"""Spread of a force, as a share of that elsewhere, from which on it goes on [1]. Source: judgement.
+"""
 
 
 def diagnose(
@@ -93,7 +101,9 @@ def diagnose(
     truth = against_truth(result)
     stuck = stuck_positions(log, rig)
     unlike = not_free(log, rig)
-    outside = out_of_range(log, _learned_range(rig))
+    # the logs from which the rig's map was learned, a little wider
+    maps = () if rig.map is None else rig.map.readings
+    outside = out_of_range(log, {name: e for m in maps for name, e in m.reach.items()})
     further = truth + elsewhere(log, rig) + stuck + outside + unlike
     wrong: Gains = []
     if what_if and result.is_taught and (unlike or outside) and not stuck:
@@ -115,12 +125,12 @@ def diagnose(
     wide = not (result.truths is None or truth or result.is_taught)
     is_searched = not stuck and bool(truth or disagrees or wide)
     asked = [cause for cause in causes if is_searched or cause.kind in UNFELT]
-    derivatives = derivatives_of(runs, asked)
+    derivatives = Derivatives(runs, asked)
     if not derivatives.base.bounded:
         return diagnose_estimate(result, further + named)
     test = derivatives.test(of_truth=False)
     if is_searched:
-        sized = _sized(runs, asked)
+        sized = sizes(runs.estimator, runs.log, runs.truths, asked)
         tests = [test]
         if runs.truths is not None:
             tests.append(derivatives.test(of_truth=True))
@@ -149,10 +159,11 @@ def why_diverged(log: Log, rig: Rig, homing: float | None = None) -> list[Findin
     runs = PerturbedRuns(log, estimator_for(log, untouched, "adaptive", homing=homing), homing)
     causes = _causes(runs)
     (base,) = runs([{}])
-    sized = _sized(runs, causes)
+    sized = sizes(runs.estimator, runs.log, runs.truths, causes)
     # without known angles only what is wrong with readings: friction may hold any filter
-    changes = candidates(causes if sized else [c for c in causes if c.channels], sized, ())
-    trials = _explained(runs, base, changes, [True] * (runs.truths is not None) + [False])
+    is_known = runs.truths is not None
+    changes = candidates([c for c in causes if is_known or c.channels], sized, ())
+    trials = _explained(runs, base, changes, [True] * is_known + [False])
     return _named(trials, "looks like", rig)
 
 
@@ -173,10 +184,6 @@ def _explained(
 
 def _causes(runs: PerturbedRuns) -> list[Cause]:
     return causes_of(runs.estimator, float(np.median(np.diff(runs.log.time))))
-
-
-def _sized(runs: PerturbedRuns, causes: Sequence[Cause]) -> dict[Cause, list[float]]:
-    return {} if runs.truths is None else sizes(runs.estimator, runs.log, runs.truths, causes)
 
 
 def _channels(runs: PerturbedRuns, outcome: Outcome) -> ChannelStatistics:
@@ -251,17 +258,9 @@ def against_truth(result: Estimate) -> list[Finding]:
 
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     """Return the displacements that are beyond the range of their drives."""
-    return [
-        Finding(
-            "cannot be there",
-            sensor.name,
-            f"{sensor.name} is where its drive cannot be: wrong unit, zero or side?",
-        )
-        for sensor in rig.sensors_of("position")
-        if sensor.name in log.channels
-        and _share_outside(log.channels[sensor.name], *position_range(rig, sensor))
-        > THRESHOLDS.outside_share
-    ]
+    ranges = {sensor.name: position_range(rig, sensor) for sensor in rig.sensors_of("position")}
+    said = "is where its drive cannot be: wrong unit, zero or side?"
+    return [Finding("cannot be there", name, f"{name} {said}") for name in _outside(log, ranges)]
 
 
 def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
@@ -269,38 +268,28 @@ def stuck_positions(log: Log, rig: Rig) -> list[Finding]:
     counts as dead, while the force of their drive goes on.
     """
     findings = []
+    forces = {sensor.of: log.channels.get(sensor.name) for sensor in rig.sensors_of("force")[::-1]}
     for sensor in rig.sensors_of("position"):
-        forces = [s.name for s in rig.sensors_of("force") if s.of == sensor.of]
-        if sensor.name in log.channels and forces and forces[0] in log.channels:
-            force = log.channels[forces[0]]
-            for rows in _same(log.channels[sensor.name]):
-                begin, end = log.time[rows.start], log.time[rows.stop - 1]
-                if end - begin <= max(SPAN, dead_after(sensor)):
-                    continue
-                elsewhere = np.delete(force, rows)
-                if _spread(force[rows]) > THRESHOLDS.active * _spread(elsewhere):
-                    text = f"{sensor.name} has one value from {begin:.1f} to {end:.1f} s"
-                    text += " while its force goes on: is it stuck?"
+        force = forces.get(sensor.of)
+        if sensor.name in log.channels and force is not None:
+            # each run of readings that are the same
+            turns = np.flatnonzero(
+                np.diff(log.channels[sensor.name], prepend=np.nan, append=np.nan)
+            )
+            spans = log.time[turns[1:] - 1] - log.time[turns[:-1]]
+            for k in np.flatnonzero(spans > max(SPAN, dead_after(sensor))):
+                rows = slice(turns[k], turns[k + 1])
+                if _spread(force[rows]) > ACTIVE * _spread(np.delete(force, rows)):
+                    begin = log.time[turns[k]]
+                    text = f"{sensor.name} has one value from {begin:.1f} to {begin + spans[k]:.1f}"
+                    text += " s while its force goes on: is it stuck?"
                     findings.append(Finding("stuck", sensor.name, text))
     return findings
-
-
-def _same(readings: Floats) -> Iterator[slice]:
-    """Yield the runs of readings that are the same."""
-    turns = np.flatnonzero(readings[1:] != readings[:-1]) + 1
-    edges = np.concatenate([[0], turns, [len(readings)]])
-    return (slice(edges[k], edges[k + 1]) for k in np.flatnonzero(np.diff(edges) > 1))
 
 
 def _spread(values: Floats) -> float:
     finite = values[np.isfinite(values)]
     return float(np.std(finite)) if len(finite) else 0.0
-
-
-def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return channel → range of the logs from which the rig's map was learned, a little wider."""
-    maps = () if rig.map is None else rig.map.readings
-    return {name: ends for learned in maps for name, ends in learned.reach.items()}
 
 
 def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:
@@ -311,12 +300,22 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
         ranges: channel → lowest and highest value that the fit has seen, SI.
     """
     findings = []
-    for name, (low, high) in ranges.items():
-        share = _share_outside(log.channels.get(name, np.zeros(0)), low, high)
-        if share > THRESHOLDS.outside_share:
-            text = f"{name} is outside the range of the fit for {100 * share:.0f} % of the log"
-            findings.append(Finding("out of range", name, f"{text} ({low:.3g} to {high:.3g})"))
+    for name, share in _outside(log, ranges).items():
+        low, high = ranges[name]
+        text = f"{name} is outside the range of the fit for {100 * share:.0f} % of the log"
+        findings.append(Finding("out of range", name, f"{text} ({low:.3g} to {high:.3g})"))
     return findings
+
+
+def _outside(log: Log, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """Return channel → share of its values that are outside its range, where it is too large."""
+    shares = dict[str, float]()
+    for name in log.channels.keys() & ranges:
+        readings = log.channels[name][np.isfinite(log.channels[name])]
+        low, high = ranges[name]
+        if len(readings):
+            shares[name] = float(np.mean((readings < low) | (readings > high)))
+    return {name: shares[name] for name in ranges if shares.get(name, 0.0) > OUTSIDE}
 
 
 def not_free(log: Log, rig: Rig) -> list[Finding]:
@@ -330,8 +329,3 @@ def not_free(log: Log, rig: Rig) -> list[Finding]:
         )
         for name, share in unlike_free_motion(log, rig).items()
     ]
-
-
-def _share_outside(readings: Floats, low: float, high: float) -> float:
-    finite = readings[np.isfinite(readings)]
-    return float(np.mean((finite < low) | (finite > high))) if len(finite) else 0.0

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress
+from math import radians
 from statistics import NormalDist
 
 import numpy as np
@@ -23,7 +24,7 @@ from scipy.special import stdtrit
 
 from distal.arrays import Bools, Floats
 from distal.confidence import LARGE_PRIOR, SMALL
-from distal.diagnosis.causes import THRESHOLDS, Finding, Kind
+from distal.diagnosis.causes import Finding, Kind
 from distal.estimators import StateKind
 from distal.results.estimate import Estimate
 
@@ -39,6 +40,35 @@ SPAN = 2.0
 UNBOUNDED = 1e50
 """Size of a derivative beyond which a run has left all bounds [1]. Source: rounding (squares of
 squares that overflow).
+"""
+
+
+LARGE_RATIO = 1.7
+"""Largest normal mean of ν²/S of a channel [1]; a filter is an approximation, and right rigs have
+up to that. Source: judgement.
+"""
+
+SELDOM = 0.5
+"""Share of a channel's samples that are compared, below which a finding says so [1]. Source:
+judgement.
+"""
+
+NEVER_COMPARED = 0.1
+"""The same share, below which the channel tests nothing [1]. Source: judgement."""
+
+COLOURED = 0.3
+"""Correlation of a channel's neighbouring innovations from which on the rig or the sensor is
+doubted [1]; a moment arm that is 20 % wrong on one side of two gives 0.3 to 0.7. Source: judgement.
+"""
+
+NOISE_RATIO = 0.5
+"""Mean of ν²/S above which a channel's innovations are mostly noise [1]; below it, S is mostly the
+uncertainty of the rig's parameters, whose errors last. Source: judgement.
+"""
+
+LARGEST_TRAVEL = radians(270.0)
+"""Range of an angle above which it is of no joint that tendons pull [rad]; fingers and wrists turn
+by 180° at most. Source: judgement.
 """
 
 
@@ -199,7 +229,7 @@ class ChannelStatistics:
     @property
     def is_tested(self) -> Bools:
         """Whether each channel could have disagreed, (m,)."""
-        return (self.ratios >= SMALL) & (self.shares >= THRESHOLDS.never_compared)
+        return (self.ratios >= SMALL) & (self.shares >= NEVER_COMPARED)
 
     @property
     def tested(self) -> tuple[str, ...]:
@@ -209,8 +239,8 @@ class ChannelStatistics:
     def disagreeing(self) -> list[Finding]:
         """Return the findings on channels that disagree."""
         large = self.ratios > self.limits
-        coloured = self.correlations > THRESHOLDS.coloured
-        coloured &= self.ratios > THRESHOLDS.noise_ratio
+        coloured = self.correlations > COLOURED
+        coloured &= self.ratios > NOISE_RATIO
         count = large.sum()
         several = ", ".join(compress(self.names, large if count else coloured))
         kind: Kind = "too large"
@@ -235,11 +265,11 @@ class ChannelStatistics:
         """Return the findings on channels that test nothing."""
         findings = []
         for name, ratio, share in zip(self.names, self.ratios, self.shares):
-            if share < THRESHOLDS.seldom:
+            if share < SELDOM:
                 text = f"only {100 * share:.0f} % of {name} could be compared"
                 text += " (missing, or the slider at a stop)"
                 findings.append(Finding("hardly compared", name, text))
-            if share >= THRESHOLDS.never_compared and ratio < SMALL:
+            if share >= NEVER_COMPARED and ratio < SMALL:
                 text = f"not tested by {name}: its innovations are "
                 text += f"only {np.sqrt(ratio):.2f} of the expected size"
                 findings.append(Finding("not tested", name, text))
@@ -272,7 +302,7 @@ def statistics_of(
     correlations = np.array([_neighbours(column) for column in later.T])
     squares = np.minimum(correlations**2, 0.99)
     spreads = np.sqrt(2.0 * (1.0 + squares) / (1.0 - squares) / np.maximum(counts, 1))
-    limits = THRESHOLDS.large_ratio * (1.0 + quantile(len(names)) * spreads)
+    limits = LARGE_RATIO * (1.0 + quantile(len(names)) * spreads)
     return ChannelStatistics(
         tuple(names),
         np.where(counts > 0, finite_means(later**2), np.nan),
@@ -309,8 +339,6 @@ def _left(estimate: Estimate) -> list[Finding]:
     """Return the findings on parameters that left their priors."""
     means = estimate.prior_means
     stds = estimate.prior_stds
-    if means is None or stds is None:
-        return []
     ends = estimate.means[-1]
     spreads = np.sqrt(estimate.variances[-1])
     away = np.abs(ends - means)
@@ -339,7 +367,7 @@ def _turning(estimate: Estimate) -> list[Finding]:
             "a unit or a radius wrong?",
         )
         for joint, most in covered
-        if most > THRESHOLDS.largest_travel
+        if most > LARGEST_TRAVEL
     ]
 
 

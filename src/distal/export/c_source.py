@@ -33,7 +33,7 @@ from distal.kernels.layout import MISSING, READ, Layout
 from distal.logs import LARGEST_READING, check_outputs, shown, write_together
 from distal.logs.output_files import as_output_error
 from distal.rig import Rig, Sensor, angle_names, check_scales, std_name
-from distal.run.health import HEALTH, LIMITS, Health, Watch
+from distal.run.health import ANYWHERE, HEALTH, LOST, Health, Watch
 
 DOUBLE = Plain()
 """The number type of C that most of the texts are in."""
@@ -217,7 +217,7 @@ def spoken() -> list[Health]:
 
 def health_blanks(estimator: KernelEstimator, emitter: Emitter) -> dict[str, object]:
     """Return the blanks of an estimator's health, whose function is added to an emitter."""
-    watch = Watch.of(estimator)
+    watch = Watch(estimator)
     return {
         "check": emitter.add(watch.function()),
         "begun": watch.begun(),
@@ -332,7 +332,7 @@ def c_filter(
         "n_bridged": chosen.bridged,
         "n_joints": len(rig.joints),
         "reach": [joint.travel for joint in rig.joints],
-        "anywhere": LIMITS.anywhere**2,
+        "anywhere": ANYWHERE**2,
         "health": ",\n".join(
             f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken())
         ),
@@ -658,9 +658,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     fields = fields_of(estimator)
     state = layout.x["state"].start
     trusted = (
-        f"out->{field.std} <= {real.constant(LIMITS.lost)}"
-        for field in fields
-        if field.unit == "rad"
+        f"out->{field.std} <= {real.constant(LOST)}" for field in fields if field.unit == "rad"
     )
     values = shared_blanks(checked_name(name), rig, emitter) | {
         "filter": filter_name,

@@ -66,7 +66,7 @@ from distal.rig import (
     std_name,
 )
 from distal.rig.components import Servo
-from distal.run.health import LIMITS
+from distal.run.health import LOST
 from distal.simulation.plant import inside_function
 from distal.units import rounded, unit_factor
 
@@ -565,7 +565,7 @@ class Inverse:
         variances = estimator.report.variances_of(spreads, ys) - spreads
         joints = slice(len(self.rig.joints))
         unsure = np.maximum(variances[:, joints], 0.0)
-        known = np.sqrt(unsure) <= LIMITS.lost
+        known = np.sqrt(unsure) <= LOST
         return np.where(known, added[:, joints], 0.0), np.where(known, unsure, 0.0)
 
     def _desired(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:

@@ -32,7 +32,7 @@ from distal.logs.stamps import REWOUND
 from distal.rig import Rig, motor_range, position_range
 from distal.rig.components import Drive
 from distal.rig.sensors import Sensor
-from distal.run.health import LIMITS
+from distal.run.health import OVERDUE
 from distal.run.live_estimator import LATEST
 
 NOISES = 5.0
@@ -119,7 +119,7 @@ class MotorReadings:
         )
         rates = by_drive(rig, "position", lambda sensor: sensor.rate, 0.0)
         self.has_sensor = rates > 0.0
-        self.oldest = np.fmax(OLDEST, LIMITS.overdue / np.where(self.has_sensor, rates, inf))
+        self.oldest = np.fmax(OLDEST, OVERDUE / np.where(self.has_sensor, rates, inf))
         # a stale reading is looked for among those that are young enough
         self._remembered = max(1, round(float((self.oldest * rates).max())))
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to

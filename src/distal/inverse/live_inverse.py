@@ -40,7 +40,7 @@ from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints, known
 from distal.kernels import Layout, Structure, kernel_of, structure_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.run.health import LIMITS
+from distal.run.health import OVERDUE
 
 SMOOTHED = 0.005
 """Time constant with which the reference's speed and acceleration are smoothed [s]. Source:
@@ -598,7 +598,7 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            most = LIMITS.overdue * self.estimator.interval
+            most = OVERDUE * self.estimator.interval
             x["dt"][0] = np.clip(time - self._time, SHORTEST, most)
             self._loop.step()
         self._time = time

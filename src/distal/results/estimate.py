@@ -70,6 +70,24 @@ SummaryRow = TypedDict(
 """The row of `Estimate.summary` on one joint."""
 
 
+def only_joint(values: Floats, name: str, several: str) -> Floats:
+    """Return the values of the only joint, (…,), of those of all joints, (…, n_joints).
+
+    Args:
+        name: of what is asked.
+        several: name of what there is for several joints.
+
+    Raises:
+        EstimationError: there are several joints.
+    """
+    if values.shape[-1] != 1:
+        raise EstimationError(
+            f"'{name}' is for rigs of one joint, this one has {values.shape[-1]}; use '{several}'"
+        )
+    only: Floats = values[..., 0]
+    return only
+
+
 @dataclass(frozen=True, repr=False)
 class Estimate:
     """The estimated states over a log, with their standard deviations, and the innovations.
@@ -93,7 +111,7 @@ class Estimate:
         notes: remarks of the estimator on its estimate, one sentence each, such as how much was
             outside a learned range.
         prior_means: prior means of the states that are constants of the rig or its sensors, (n,),
-            NaN for states that vary; None where the estimator has no such constants.
+            NaN for states that vary.
         prior_stds: prior standard deviations of the same states, (n,).
         stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other
             recordings.
@@ -125,8 +143,8 @@ class Estimate:
     covariances: Floats | None = None
     joint_names: tuple[str, ...] = ("joint",)
     notes: tuple[str, ...] = ()
-    prior_means: Floats | None = None
-    prior_stds: Floats | None = None
+    prior_means: Floats
+    prior_stds: Floats
     stamps: NDArray[np.int64] | None = None
     torque_truths: Floats | None = None
     unseen: str | None = None
@@ -241,7 +259,7 @@ class Estimate:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self.angles, "theta", "angles")
+        return only_joint(self.angles, "theta", "angles")
 
     @property
     def theta_std(self) -> Floats:
@@ -250,7 +268,7 @@ class Estimate:
         Raises:
             EstimationError: there are several joints.
         """
-        return self._only(self.angle_stds, "theta_std", "angle_stds")
+        return only_joint(self.angle_stds, "theta_std", "angle_stds")
 
     @property
     def truth(self) -> Floats | None:
@@ -259,15 +277,7 @@ class Estimate:
         Raises:
             EstimationError: there are several joints.
         """
-        return None if self.truths is None else self._only(self.truths, "truth", "truths")
-
-    def _only(self, columns: Floats, name: str, several: str) -> Floats:
-        if len(self.joint_names) != 1:
-            raise EstimationError(
-                f"'{name}' is for rigs of one joint, this one has {', '.join(self.joint_names)}; "
-                f"use '{several}', (samples, joints)"
-            )
-        return columns[:, 0]
+        return None if self.truths is None else only_joint(self.truths, "truth", "truths")
 
     def state(self, name: str) -> Floats:
         """Return the mean of a state over time in SI, (k,).
@@ -317,7 +327,7 @@ class Estimate:
         Raises:
             EstimationError: there are several joints, or the rig excludes such a torque.
         """
-        return self._only(self.external_torques, "external_torque", "external_torques")
+        return only_joint(self.external_torques, "external_torque", "external_torques")
 
     @property
     def external_torque_std(self) -> Floats:
@@ -326,7 +336,7 @@ class Estimate:
         Raises:
             EstimationError: there are several joints, or the rig excludes such a torque.
         """
-        return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
+        return only_joint(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
     def _torque_states(self) -> list[int]:
         columns = states_of(

@@ -15,13 +15,12 @@ and offline step the same kernel and give the same numbers.
     print(monitor.take(0.0, sample))
 """
 
-from distal.run.health import HEALTH, HealthLimits, Monitor, Reading, log_health
+from distal.run.health import HEALTH, Monitor, Reading, log_health
 from distal.run.live_estimator import JointContact, LiveEstimator, LogUnits
 from distal.run.offline import estimate, estimate_batch, samples_of, smooth, with_channel
 
 __all__ = [
     "HEALTH",
-    "HealthLimits",
     "JointContact",
     "LiveEstimator",
     "LogUnits",

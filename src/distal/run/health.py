@@ -8,18 +8,18 @@ that the filter uses too (`dead_after`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import compress
-from math import degrees, inf, isfinite, isnan, nan, sqrt
+from math import degrees, inf, isfinite, isnan, nan
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Bools, Floats
+from distal.arrays import Floats
 from distal.confidence import LARGE_PRIOR
 from distal.errors import EstimationError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, TOUCHED, KernelEstimator, sample_problem
@@ -34,7 +34,6 @@ from distal.rig import (
     RangeEnd,
     Rig,
     Role,
-    Sensor,
     measurand_of,
     position_range,
     range_ends,
@@ -92,40 +91,44 @@ definition (of the exported C).
 """
 
 
-@dataclass(frozen=True, kw_only=True)
-class HealthLimits:
-    """What a `Monitor` says a word about; exported filters have the defaults.
+LONGEST_GAP = 1.5
+"""Longest time without samples, or with samples without any value, after which drives are taken to
+have gone straight to where they are read again [s]. After a longer one without samples, and longer
+than three nominal intervals, the filter begins anew. Source: judgement.
+"""
 
-    Args:
-        longest_gap: longest time without samples, or with samples without any value, after which
-            drives are taken to have gone straight to where they are read again [s]. After a longer
-            one without samples, and longer than three nominal intervals, the filter begins anew.
-        waiting: usual intervals without a sample after which there is a gap [1].
-        overdue: a sensor's own intervals without a value after which it is missing [1].
-        memory: time constant of the mean of ν²/S, and of the share of time beyond the stops [s].
-        large: mean of ν²/S beyond which a sensor disagrees [1], where no log has taught what forces
-            are normal.
-        unknown: std beyond which the angle is not known [rad].
-        lost: std above which nothing is controlled with an angle [rad].
-        anywhere: std of the joint's angle where the filter begins anew [rad].
-        near: distance before the end of its range from which on a joint counts as being there
-            [deg].
-        away: distance beyond which it has left it [deg].
-    """
+WAITING = 1.5
+"""Usual intervals without a sample after which there is a gap [1]. Source: judgement."""
 
-    longest_gap: float = 1.5
-    waiting: float = 1.5
-    overdue: float = 2.5
-    memory: float = 1.0
-    large: float = 2.5
-    unknown: float = 1.0
-    lost: float = 0.35
-    anywhere: float = 0.5
-    near: float = 2.0
-    away: float = 10.0
+OVERDUE = 2.5
+"""A sensor's own intervals without a value after which it is missing [1]. Source: judgement."""
 
+AVERAGED = 1.0
+"""Time constant of the mean of ν²/S, and of the share of time beyond the stops [s]. Source:
+definition (a second).
+"""
 
-LIMITS = HealthLimits()
+LARGE = 2.5
+"""Mean of ν²/S beyond which a sensor disagrees [1], where no log has taught what forces are normal.
+Source: judgement.
+"""
+
+UNKNOWN = 1.0
+"""Std beyond which the angle is not known [rad]. Source: definition (a radian)."""
+
+LOST = 0.35
+"""Std above which nothing is controlled with an angle [rad]. Source: judgement."""
+
+ANYWHERE = 0.5
+"""Std of the joint's angle where the filter begins anew [rad]. Source: judgement."""
+
+NEAR = 2.0
+"""Distance before the end of its range from which on a joint counts as being there [deg]. Source:
+judgement.
+"""
+
+AWAY = 10.0
+"""Distance beyond which it has left it [deg]. Source: judgement."""
 
 
 def word_code(word: Health) -> int:
@@ -137,39 +140,27 @@ Judgement: TypeAlias = tuple[dict[str, Vector], dict[str, Vector]]
 """What is remembered after a sample, and what was found, by the names of the layouts."""
 
 
-@dataclass(frozen=True)
 class Watch:
     """The function that judges the samples of an estimator, and the layouts of its vectors. Each
     part of it is a function of memory and sample by name.
 
     Args:
         estimator: whose samples they are.
-        limits: beyond which a word is said.
-        sensors: of its channels.
-        ends: ends of the ranges of motors whose joints have stops.
-        redundancy: what positions say of forces.
     """
 
-    estimator: KernelEstimator
-    limits: HealthLimits
-    sensors: tuple[Sensor, ...]
-    ends: tuple[RangeEnd, ...]
-    redundancy: Redundancy
-
-    @classmethod
-    def of(cls, estimator: KernelEstimator, limits: HealthLimits = LIMITS) -> Watch:
-        """Return the watch over an estimator."""
-        rig = estimator.rig
-        by_name = {sensor.name: sensor for sensor in rig.sensors}
-        redundancy = Redundancy.of(rig, estimator.channels)
+    def __init__(self, estimator: KernelEstimator) -> None:
+        self.estimator = estimator
+        by_name = {sensor.name: sensor for sensor in estimator.rig.sensors}
+        self.sensors = [by_name[name] for name in estimator.channels]
+        self.redundancy = Redundancy.of(estimator.rig, estimator.channels)
+        """What positions say of forces."""
         # of what logs taught, they say where it may be and how often it repeats itself
-        ends = tuple(
+        self.ends = [
             end
-            for end in range_ends(rig, estimator.channels)
-            if estimator.channels[end.position] not in redundancy.positions
-        )
-        sensors = tuple(by_name[name] for name in estimator.channels)
-        return cls(estimator, limits, sensors, ends, redundancy)
+            for end in range_ends(estimator.rig, estimator.channels)
+            if estimator.channels[end.position] not in self.redundancy.positions
+        ]
+        """Ends of the ranges of motors whose joints have stops."""
 
     @cached_property
     def _roles(self) -> list[Role]:
@@ -186,18 +177,11 @@ class Watch:
         return not self.redundancy.maps
 
     @cached_property
-    def _priors(self) -> tuple[Floats, Floats]:
-        """Means and stds of the priors of all states, NaN where one has none."""
-        none = np.full(len(self.estimator.state_names), np.nan)
-        means, stds = (none if prior is None else prior for prior in priors_of(self.estimator))
-        return means, stds
-
-    @cached_property
     def watched(self) -> tuple[int, ...]:
         """Indices of the states that are parameters of the rig. Those of a fitted rig that lacks
         physics stray without end; its forces are tested instead.
         """
-        means, stds = self._priors
+        means, stds = priors_of(self.estimator)
         tested = (stds > 0.0) & self._is_untaught
         return tuple(np.flatnonzero(np.isfinite(means) & tested).tolist())
 
@@ -245,28 +229,36 @@ class Watch:
         )
 
     @cached_property
+    def subjects(self) -> dict[str, Sequence[str]]:
+        """Finding → the sensors, states or sentences that it may be about."""
+        channels = self.estimator.channels
+        states = self.estimator.state_names
+        measured = self.estimator.measured
+        return {
+            "gap": ["samples"],
+            "hurried": ["samples"],
+            "nothing": ["all sensors"],
+            "untested": ["no log has said what is normal" if measured else "no sensor is compared"],
+            "unknown": ["the angle is not known"],
+            "touched": ["something touches a joint"],
+            "outside": self.redundancy.positions,
+            "unlike": self.redundancy.parts,
+            "dead": channels,
+            "stuck": channels,
+            "missing": channels,
+            "wrong": [channels[i] for i in self.placed],
+            "beyond": [end.motor for end in self.ends],
+            "large": measured,
+            "left": [states[i] for i in self.watched],
+        }
+
+    @cached_property
     def findings(self) -> Layout:
-        """Layout of the output: the code of the reported word, then 1 where a finding holds: gap,
-        hurried, nothing read, untested, unknown, touched by the filter; for each position that
-        predicts forces outside, for each part's forces unlike; for each channel dead, stuck,
-        missing; for each position wrong; for each compared sensor large; for each watched state
-        left. For each of the `ends` it is by how much the joint is beyond it [deg].
+        """Layout of the output: the code of the reported word, then 1 where a finding holds, for
+        each of its `subjects`. For each of the `ends` it is by how much the joint is beyond it
+        [deg].
         """
-        n = len(self.sensors)
-        flags = dict.fromkeys(("gap", "hurried", "nothing", "untested", "unknown", "touched"), 1)
-        return Layout(
-            code=1,
-            **flags,
-            outside=len(self.redundancy.positions),
-            unlike=len(self.redundancy.maps),
-            dead=n,
-            stuck=n,
-            missing=n,
-            wrong=len(self.placed),
-            beyond=len(self.ends),
-            large=len(self.estimator.measured),
-            left=len(self.watched),
-        )
+        return Layout(code=1, **{name: len(of) for name, of in self.subjects.items()})
 
     def begun(self) -> Floats:
         """Return the memory before the first sample: means are 1, no end was visited, all else is
@@ -282,11 +274,14 @@ class Watch:
         size = self.memory.size - self.redundancy.memory
         before = ca.SX.sym("memory", size)
         current = ca.SX.sym("sample", self.sample.size)
-        unlike = ca.SX.sym("unlike", len(self.redundancy.maps))
+        # what the redundancy says
+        judgements = {
+            name: ca.SX.sym(name, len(self.subjects[name])) for name in ("unlike", "outside")
+        }
         was = self.memory.parts(ca.vertcat(before, ca.SX.zeros(self.redundancy.memory)))
         came = self.sample.parts(current)
         remembered: dict[str, Vector] = {"learned": ca.SX(0, 1)}
-        flags: dict[str, Vector] = {"unlike": unlike}
+        flags: dict[str, Vector] = {**judgements}
         for part in (
             self._silent,
             self._misplaced,
@@ -297,7 +292,9 @@ class Watch:
             after, flagged = part(was, came)
             remembered |= after
             flags |= flagged
-        words = {name: word for name, word in WORDS.items() if name != "beyond" or self.ends}
+        words = {finding: word for finding, (word, _) in SAID.items()}
+        if not self.ends:
+            del words["beyond"]
         code = reduce(
             ca.fmax, (word_code(word) * _any(flags[name]) for name, word in words.items())
         )
@@ -305,44 +302,41 @@ class Watch:
             ca.vertcat(*(remembered[name] for name in self.memory.names)),
             self.findings.joined(code=code, **flags | {"beyond": remembered["found"]}),
         ]
-        inputs = [before, current, *([unlike] if self.redundancy.maps else [])]
+        inputs = [before, current, *(judgements.values() if self.redundancy.maps else [])]
         judged = ca.Function("judged", inputs, ca.cse(outputs))
         return self.redundancy.around(judged, self.sample)
 
     def _share(self, dt: Scalar) -> Scalar:
         """Return the share with which a sample counts in a mean."""
-        is_usual = ca.logic_and(dt > 0, dt < self.limits.longest_gap)
+        is_usual = ca.logic_and(dt > 0, dt < LONGEST_GAP)
         since = ca.if_else(is_usual, dt, self.estimator.interval)
-        return ca.fmin(since / self.limits.memory, 1)
+        return ca.fmin(since / AVERAGED, 1)
 
     def _silent(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return which sensors are missing, dead or stuck."""
         first, dt, mask = (came[name] for name in ("first", "dt", "mask"))
-        # a sensor without a first value is missing from the beginning; a known angle, which homes,
-        # never is
+        # a known angle, which homes, is never missing
         is_read = [role is not Role.REFERENCE for role in self._roles]
-        pairs = list(zip(self.sensors, is_read))
-        overdue = _column(
-            [self.limits.overdue / sensor.rate if is_read else NEVER for sensor, is_read in pairs]
-        )
-        silence = _column([dead_after(sensor) if is_read else NEVER for sensor, is_read in pairs])
+        overdue = _column([OVERDUE / sensor.rate for sensor in self.sensors])
+        silence = _column([dead_after(sensor) for sensor in self.sensors]) - ROUNDING
+        # a sensor without a first value is missing from the beginning
         age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
         moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
         same = ca.if_else(moved, 0, was["same"] + dt)
         # a sensor with noise does not say the same twice for long
         taught = self.redundancy.positions
-        noisy = _column([r and s.noise > step_of(s) and s.name not in taught for s, r in pairs])
-        dead = age >= silence - ROUNDING
+        noisy = [s.noise > step_of(s) and s.name not in taught for s in self.sensors]
+        dead = _column(is_read) * (age >= silence)
         last = ca.if_else(mask, came["values"], was["last"])
         return {"last": last, "age": age, "same": same}, {
             "nothing": ca.logic_not(_any(mask)),
-            "missing": ca.logic_and(age > overdue, ca.logic_not(dead)),
+            "missing": ca.logic_and(_column(is_read) * (age > overdue), ca.logic_not(dead)),
             "dead": dead,
-            "stuck": noisy * mask * (same >= silence - ROUNDING),
+            "stuck": _column(noisy) * _column(is_read) * mask * (same >= silence),
         }
 
     def _misplaced(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
-        """Return which positions are where drives cannot be, and where no log has been."""
+        """Return which positions are where drives cannot be."""
         rig = self.estimator.rig
         at = list(self.placed)
         ranges = [position_range(rig, self.sensors[i]) for i in at]
@@ -352,30 +346,26 @@ class Watch:
         is_outside = read * ca.logic_or(position < low, position > high)
         outside = was["outside"] + self._share(came["dt"]) * (is_outside - was["outside"])
         far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
-        return {"outside": outside}, {
-            "wrong": ca.logic_or(outside > 0.5, far),
-            "outside": self.redundancy.outside(came["values"], came["mask"]),
-        }
+        return {"outside": outside}, {"wrong": ca.logic_or(outside > 0.5, far)}
 
     def _contradicting(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return which innovations are too large, which numbers of the rig left their priors,
         whether a joint is touched, and whether its angle is unknown.
         """
-        limits = self.limits
         # a touch is no disagreement, since the filter follows it
         square = ca.fmin(came["innovations"] ** 2 / came["variances"], MOST)
         is_touched = came["touched"] > TOUCHED
         square = ca.if_else(is_touched, ca.fmin(square, 1), square)
         change = self._share(came["dt"]) * (square - was["ratio"])
         ratio = was["ratio"] + ca.if_else(came["compared"], change, 0)
-        prior, std = (_column(part[list(self.watched)]) for part in self._priors)
+        prior, std = (_column(part[list(self.watched)]) for part in priors_of(self.estimator))
         away = ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0))
-        is_unknown = _any(came["stds"] > limits.unknown)
+        is_unknown = _any(came["stds"] > UNKNOWN)
         return {"ratio": ratio}, {
             "untested": ca.SX(self._is_untaught),
             "unknown": ca.logic_and(ca.logic_not(came["first"]), is_unknown),
             "touched": is_touched * self._is_untaught,
-            "large": (ratio > limits.large) * self._is_untaught,
+            "large": (ratio > LARGE) * self._is_untaught,
             "left": away > LARGE_PRIOR * std,
         }
 
@@ -383,14 +373,13 @@ class Watch:
         """Return whether samples are missing before this one, or come too fast. Stamps of another
         rate than the rig's are no gaps; before the first interval the pace is 0.
         """
-        limits = self.limits
         interval = self.estimator.interval
         first, dt = (came[name] for name in ("first", "dt"))
         usual = ca.if_else(was["pace"] > 0, was["pace"], ca.fmax(dt / interval, 1))
         change = ca.fmin(dt / interval, 2 * usual) - usual
-        share = ca.fmin(ca.fmax(dt, interval) / limits.memory, 1)
+        share = ca.fmin(ca.fmax(dt, interval) / AVERAGED, 1)
         pace = ca.if_else(first, was["pace"], usual + share * change)
-        late = dt > limits.waiting * interval * ca.fmax(usual, 1)
+        late = dt > WAITING * interval * ca.fmax(usual, 1)
         return {"pace": pace}, {
             "gap": ca.logic_and(ca.logic_not(first), late),
             "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
@@ -399,9 +388,7 @@ class Watch:
     def _ended(self, was: Mapping[str, Vector], came: Mapping[str, Vector]) -> Judgement:
         """Return by how much joints are beyond the ends of their ranges."""
         visits = [
-            _at_end(
-                end, was["furthest"][k], was["found"][k], came["values"], came["mask"], self.limits
-            )
+            _at_end(end, was["furthest"][k], was["found"][k], came["values"], came["mask"])
             for k, end in enumerate(self.ends)
         ]
         furthest, sizes = (
@@ -411,12 +398,7 @@ class Watch:
 
 
 def _at_end(
-    end: RangeEnd,
-    furthest: Scalar,
-    found: Scalar,
-    values: Vector,
-    mask: Vector,
-    limits: HealthLimits,
+    end: RangeEnd, furthest: Scalar, found: Scalar, values: Vector, mask: Vector
 ) -> tuple[Scalar, Scalar]:
     """Return the furthest reading of this visit to an end, and how much further the joint is than
     it can be [deg], or 0.
@@ -427,32 +409,45 @@ def _at_end(
     read = mask[end.position] * mask[end.torque]
     reading = end.way * values[end.position]
     before = degrees(end.joint) * (reading - end.contact)
-    further = ca.logic_and(read, ca.logic_and(before > -limits.near, reading > furthest + end.same))
+    further = ca.logic_and(read, ca.logic_and(before > -NEAR, reading > furthest + end.same))
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])
     found = ca.if_else(ca.logic_and(further, over > degrees(end.room)), ca.fmax(found, over), found)
-    left = ca.logic_and(read, before < -limits.away)
+    left = ca.logic_and(read, before < -AWAY)
     furthest = ca.if_else(further, reading, furthest)
     return ca.if_else(left, -NEVER, furthest), ca.if_else(left, 0, found)
 
 
-WORDS: dict[str, Health] = {
-    "untested": "untested",
-    "missing": "missing",
-    "nothing": "missing",
-    "gap": "gap",
-    "outside": "outside",
-    "touched": "touched",
-    "unlike": "touched",
-    "beyond": "disagrees",
-    "hurried": "disagrees",
-    "wrong": "disagrees",
-    "large": "disagrees",
-    "left": "disagrees",
-    "unknown": "disagrees",
-    "stuck": "dead",
-    "dead": "dead",
+SAID: dict[str, tuple[Health, str]] = {
+    "untested": ("untested", "{names}"),
+    "missing": ("missing", "{names}"),
+    "nothing": ("missing", "{names}"),
+    "gap": ("gap", "{size:.3g} s; the rig says every {interval:.3g} s"),
+    "outside": ("outside", "{names} is where no log has been{jumped}"),
+    "touched": ("touched", "{names}"),
+    "unlike": ("touched", "not as in free motion: {names}; {cause}"),
+    "beyond": ("disagrees", "{each}"),
+    "hurried": (
+        "disagrees",
+        "samples {size:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
+    ),
+    "wrong": ("disagrees", "{names} is where its drive cannot be: wrong unit, zero or side?"),
+    "large": ("disagrees", "{each}"),
+    "left": ("disagrees", "{names}: further from the rig's value than its std allows"),
+    "unknown": ("disagrees", "{names}"),
+    "stuck": ("dead", "{names} does not change"),
+    "dead": ("dead", "{names} for {size:.3g} s"),
 }
-"""Finding → the health word that reports it."""
+"""Finding → the health word that reports it, and a sentence."""
+
+EACH = {
+    "beyond": "{} goes {:.1f}° beyond its joint's range: its spool slipped, or a tendon loosened "
+    "or broke",
+    "large": "{} {:.1f}x",
+}
+"""Finding → what is said of each of its subjects."""
+
+OF_DRIVES = ("beyond", "wrong", "large", "dead", "stuck")
+"""Findings on drives and their sensors."""
 
 
 def _column(values: Sequence[float] | Floats) -> Vector:
@@ -510,10 +505,10 @@ class Reading(JointAngles):
         """Why a controller must not use this reading; empty where all angles are known well."""
         if isnan(self.angles[0]):
             return f"no angle: {self.health}"
-        lost = f"the angle is not known to ±{np.rad2deg(2 * LIMITS.lost):.0f}°"
+        lost = f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"
         if self.health in UNUSABLE:
             return self.detail or lost
-        return "" if max(self.angle_stds) <= LIMITS.lost else lost
+        return "" if max(self.angle_stds) <= LOST else lost
 
 
 class Monitor:
@@ -521,20 +516,23 @@ class Monitor:
     error.
     """
 
-    def __init__(self, live: LiveEstimator, limits: HealthLimits = LIMITS) -> None:
+    def __init__(self, live: LiveEstimator) -> None:
         self._live = live
-        self._limits = limits
-        self._watch = watch = Watch.of(live.estimator, limits)
-        self._drive_of = list(_drives_of_findings(watch, live))
+        self._watch = watch = Watch(live.estimator)
         self._check = Evaluation(watch.function())
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
-        self._reach = np.array([joint.travel for joint in live.rig.joints]).T
+        self.rig = live.rig
+        """The description of the rig that the estimator runs on."""
+        self.channels = live.channels
+        """Names of the sensors in a sample."""
+        self.torque_names = live.torque_names
+        """Names of the estimated external torques, one for each joint that may be touched."""
         self._begin()
 
     def _begin(self) -> None:
         self._memory = self._watch.begun()
-        self._findings = np.zeros(self._watch.findings.size)
+        self._doubted: tuple[str, ...] = ()
         self._late = 0
         self._last_late = -inf
         self._time = -inf
@@ -549,27 +547,19 @@ class Monitor:
 
     def clone(self, live: LiveEstimator) -> Monitor:
         """Return a monitor with the same memory for `live`, a clone of its estimator."""
-        return _with_memory(live, self._limits, self._remembered())
+        other = Monitor(live)
+        vars(other).update(self._remembered())
+        return other
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return how to make this monitor again, also in another process: its estimator and its
         memory.
         """
-        return _with_memory, (self._live, self._limits, self._remembered())
+        return Monitor, (self._live,), self._remembered()
 
     def _remembered(self) -> dict[str, object]:
         names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_memory", "_time")
         return {name: getattr(self, name) for name in names}
-
-    @property
-    def rig(self) -> Rig:
-        """The description of the rig that the estimator runs on."""
-        return self._live.rig
-
-    @property
-    def torque_names(self) -> tuple[str, ...]:
-        """Names of the estimated external torques, one for each joint that may be touched."""
-        return self._live.torque_names
 
     @property
     def contact_names(self) -> tuple[str, ...]:
@@ -580,11 +570,6 @@ class Monitor:
         if len(self.rig.joints) == 1:
             return ("contact",) * len(joints)
         return tuple(f"contact_{joint}" for joint in joints)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample."""
-        return self._live.channels
 
     def take(self, time: float, sample: Floats, remarks: Sequence[Remark] = ()) -> Reading:
         """Return the reading at a sample: the estimate with its health, or NaN with the reason why
@@ -618,7 +603,7 @@ class Monitor:
                 return skipped
             if self._late >= REWOUND:
                 self._restart(f"the clock was set back by {-gap:.3g} s")
-            elif gap > max(self._limits.longest_gap, 3 * live.interval):
+            elif gap > max(LONGEST_GAP, 3 * live.interval):
                 self._restart(
                     f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s"
                 )
@@ -643,19 +628,11 @@ class Monitor:
         health, detail = max(
             problems, key=lambda problem: word_code(problem[0]), default=("ok", "")
         )
-        estimated = (
-            tuple(values.tolist())
-            for values in (
-                live.angles,
-                live.angle_stds,
-                live.external_torques,
-                live.external_torque_stds,
-            )
-        )
-        angles, stds, torques, torque_stds = estimated
+        values = live.angles, live.angle_stds, live.external_torques, live.external_torque_stds
+        angles, stds, torques, torque_stds = (tuple(of.tolist()) for of in values)
         contacts = self._contacts(problems)
         return Reading(
-            time, angles, stds, health, detail, torques, torque_stds, contacts, self._doubted()
+            time, angles, stds, health, detail, torques, torque_stds, contacts, self._doubted
         )
 
     def _keep(self, time: float, sample: Floats) -> None:
@@ -666,7 +643,7 @@ class Monitor:
         if not np.isfinite(sample).any():
             self._before = self._before or live.belief()
         elif self._before is not None:
-            if time - self._before.time <= self._limits.longest_gap:
+            if time - self._before.time <= LONGEST_GAP:
                 live.resumed(self._before)
             self._before = None
 
@@ -696,70 +673,41 @@ class Monitor:
         came["touched"][:] = live.touched
         came["first"][:] = self._fresh
         came["dt"][:] = dt
-        self._memory, findings = self._check(self._memory, self._sample)
-        self._findings = findings
+        self._memory, found = self._check(self._memory, self._sample)
         self._fresh = False
-        if findings[0] == 0:
+        self._doubted = ()
+        if found[0] == 0:
             return []
-        flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
-        details = self._details(flags, dt)
-        return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
-
-    def _doubted(self) -> tuple[str, ...]:
-        """Return the drives that the findings of the last sample are about."""
-        names = {drive for at, drive in self._drive_of if self._findings[at] > 0.0}
-        return tuple(name for name in self.rig.drive_names if name in names)
-
-    def _details(self, flags: Mapping[str, Bools], dt: float) -> dict[str, str]:
-        """Return the sentence on each finding."""
-        live = self._live
-        watch = self._watch
-        interval = self._live.interval
-        redundancy = watch.redundancy
-        age, ratio, learned = (
-            self._memory[watch.memory[name]] for name in ("age", "ratio", "learned")
-        )
-        jumped = redundancy.jumped(learned)
-        large = (
-            f"{live.measured[i]} {sqrt(ratio[i]):.1f}x" for i in np.flatnonzero(flags["large"])
-        )
-
-        def named(finding: str, names: Sequence[str]) -> str:
-            return ", ".join(compress(names, flags[finding]))
-
-        positions = named("wrong", [live.channels[i] for i in watch.placed])
-        dead = (
-            f"{named('dead', live.channels)} for {age.max():.3g} s" if flags["dead"].any() else ""
-        )
-        stuck = f"{named('stuck', live.channels)} does not change"
-        beyond = (
-            f"{end.motor} goes {size:.1f}° beyond its joint's range: its spool slipped, or a "
-            "tendon loosened or broke"
-            for end, size in zip(watch.ends, self._findings[watch.findings["beyond"]])
-            if size > 0.0
-        )
-        left = named("left", [live.state_names[i] for i in watch.watched])
-        return {
-            "untested": "no log has said what is normal"
-            if live.measured
-            else "no sensor is compared",
-            "missing": named("missing", live.channels),
-            "nothing": "all sensors",
-            "outside": f"{named('outside', redundancy.positions)} is where no log has been"
-            + (f"; {jumped}" if jumped else ""),
-            "touched": "something touches a joint",
-            "unlike": f"not as in free motion: {named('unlike', redundancy.parts)}; "
-            f"{redundancy.likely_cause(learned, interval)}",
-            "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
-            "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
-            "wrong": f"{positions} is where its drive cannot be: wrong unit, zero or side?",
-            "large": ", ".join(large),
-            "beyond": ", ".join(beyond),
-            "left": f"{left}: further from the rig's value than its std allows",
-            "unknown": "the angle is not known",
-            "stuck": f"{dead}, {stuck}" if dead else stuck,
-            "dead": dead,
+        learned = self._memory[watch.memory["learned"]]
+        jumped = watch.redundancy.jumped(learned)
+        sizes: dict[str, Iterable[float]] = {
+            "gap": [dt],
+            "hurried": [dt],
+            "dead": self._memory[watch.memory["age"]],
+            "large": np.sqrt(self._memory[watch.memory["ratio"]]),
+            "beyond": found[watch.findings["beyond"]],
         }
+        sayings = {
+            "interval": live.interval,
+            "jumped": jumped and f"; {jumped}",
+            "cause": watch.redundancy.likely_cause(learned, live.interval),
+        }
+        problems = []
+        doubted = set[str]()
+        for finding, (word, sentence) in SAID.items():
+            flags = found[watch.findings[finding]]
+            if flags.any():
+                names = [*compress(watch.subjects[finding], flags)]
+                size = [*compress(sizes.get(finding, flags), flags)]
+                each = map(EACH.get(finding, "").format, names, size)
+                text = sentence.format(
+                    names=", ".join(names), each=", ".join(each), size=max(size), **sayings
+                )
+                problems.append((word, text))
+                doubted.update(names if finding in OF_DRIVES else ())
+        doubted |= {sensor.of for sensor in self.rig.sensors if sensor.name in doubted}
+        self._doubted = tuple(name for name in self.rig.drive_names if name in doubted)
+        return problems
 
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
@@ -787,40 +735,15 @@ class Monitor:
         # beyond it a second angle fits the tendons
         angles = self._live.angles
         has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
-        reached = np.clip(angles, *self._reach)
+        reached = np.clip(angles, *np.transpose([joint.travel for joint in self.rig.joints]))
         self._before = None
-        self._live.reset(tuple(reached.tolist()) if has_angles else None, self._limits.anywhere)
+        self._live.reset(tuple(reached.tolist()) if has_angles else None, ANYWHERE)
         self._anew = why
         pace = self._watch.memory["pace"]
         memory = self._watch.begun()
         memory[pace] = self._memory[pace]
         self._memory = memory
         self._fresh = True
-
-
-def _drives_of_findings(watch: Watch, live: LiveEstimator) -> Iterator[tuple[int, str]]:
-    """Yield the index of each finding on a sensor or an end of a drive, and the drive."""
-    channels = live.channels
-    read = {
-        "dead": channels,
-        "stuck": channels,
-        "wrong": [channels[i] for i in watch.placed],
-        "large": live.measured,
-    }
-    sensors = {sensor.name: sensor.of for sensor in live.rig.sensors}
-    drives = {finding: [sensors[name] for name in names] for finding, names in read.items()}
-    drives["beyond"] = [end.motor for end in watch.ends]
-    for finding, names in drives.items():
-        yield from zip(range(watch.findings[finding].start, watch.findings.size), names)
-
-
-def _with_memory(
-    live: LiveEstimator, limits: HealthLimits, remembered: Mapping[str, object]
-) -> Monitor:
-    monitor = Monitor(live, limits)
-    for name, value in remembered.items():
-        setattr(monitor, name, value)
-    return monitor
 
 
 def log_health(

@@ -30,6 +30,7 @@ from distal.estimators.estimator_protocol import MOST_BRIDGES, fill, predictions
 from distal.kernels import covariance_of, mean_of
 from distal.kernels.layout import MISSING, READ
 from distal.logs import LARGEST_READING, RawToSI, Remark
+from distal.results.estimate import only_joint
 from distal.rig import Rig, as_rig, log_factor
 
 LATEST = 1e300
@@ -77,7 +78,7 @@ class JointAngles:
         Raises:
             EstimationError: there are several joints.
         """
-        return _only(self.angles, "angle")
+        return float(only_joint(np.asarray(self.angles), "angle", "angles"))
 
     @property
     def angle_std(self: OfJoints) -> float:
@@ -86,16 +87,7 @@ class JointAngles:
         Raises:
             EstimationError: there are several joints.
         """
-        return _only(self.angle_stds, "angle_std")
-
-
-def _only(values: Floats | tuple[float, ...], name: str) -> float:
-    """Return the value of the only joint, of what has a `name` with an s for all of them."""
-    if len(values) != 1:
-        raise EstimationError(
-            f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
-        )
-    return float(values[0])
+        return float(only_joint(np.asarray(self.angle_stds), "angle_std", "angle_stds"))
 
 
 class Remembered(NamedTuple):
@@ -146,24 +138,42 @@ class LiveEstimator(JointAngles):
                 f"{chosen.name} is for logs; live, use adaptive or another one with a kernel"
             )
         self._made_of = rig, estimator, compiled
-        self._estimator = chosen
-        self._n = len(chosen.state_names)
-        self._m = len(chosen.measured)
+        self.estimator = chosen
+        """The estimator that takes in the samples."""
+        self.rig = chosen.rig
+        """The description of the rig that the estimator runs on."""
+        self.channels = chosen.channels
+        """Names of the sensors in a sample."""
+        self.measured = chosen.measured
+        """Names of the sensors that have an innovation."""
+        self.state_names = chosen.state_names
+        """Names of the estimator's states, (n,)."""
+        self.interval = chosen.interval
+        """Nominal time between samples [s]."""
+        self.time = nan
+        """Stamp of the last sample [s]; NaN before the first."""
+        self.samples = 0
+        """Number of samples taken in since the beginning or the last `reset`."""
+        self._n = len(self.state_names)
+        m = len(self.measured)
         self._loop = chosen.kernel.loop(chosen.parameters)
         self._kernel_state = self._loop.kernel_state
         self._x = self._loop.x
         self._y = self._loop.y
         self._finite = np.ones(len(self._kernel_state), dtype=bool)
-        self._width = len(chosen.channels)
-        self._angles = chosen.angles
+        self._width = len(self.channels)
+        self._joint_states = chosen.angles
         self._row = memoryview(self._x.data).cast("B").cast("d")
         # where the masks of what is compared stand in a row
-        self._read = [1 + self._width + chosen.channels.index(name) for name in chosen.measured]
-        self._innovations = np.full(self._m, np.nan)
+        self._read = [1 + self._width + self.channels.index(name) for name in self.measured]
+        self._innovations = np.full(m, np.nan)
+        self.innovations = _view(self._innovations)
+        """Innovations of the last sample, measured minus predicted, (m,), NaN where nothing was
+        compared; a view that changes with each step.
+        """
+        self.innovation_variances = _view(self._y[m : 2 * m])
+        """Variances of the innovations, (m,), a view that changes with each step."""
         self._begin: tuple[Floats | None, float] = (None, 0.0)
-        self._time = nan
-        self._samples = 0
-        self._interval = chosen.interval
         mean = mean_of(self._kernel_state, self._n)
         covariance = covariance_of(self._kernel_state, self._n)
         # reported is the filter's own state, or a copy of it in which maps correct some values
@@ -171,16 +181,24 @@ class LiveEstimator(JointAngles):
         self._state, self._spread = (
             (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
         )
-        self._joints = self._state[self._angles]
-        self._mean = _view(self._state)
-        self._covariance = _view(self._spread)
+        # in which it differs from a new one
+        self._arrays = [self._kernel_state, self._state, self._spread, self._innovations]
+        self.mean = _view(self._state)
+        """Reported estimate of the states, (n,), a read-only view that changes with each step."""
+        self.covariance = _view(self._spread)
+        """Reported covariance of the estimate's error, (n, n), a read-only view that changes with
+        each step.
+        """
+        self.angles = self.mean[chosen.angles]
+        """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._kernel_state[self._n : self._n * (self._n + 1) : self._n + 1]
         self._touched = list(chosen.touched)
-        self._contacts = chosen.contacts
-        self._touchable = list(external_torques_of(chosen))
-        self._torques = list(external_torques_of(chosen).values())
-        self._torque_names = tuple(chosen.state_names[i] for i in self._torques)
+        torques = external_torques_of(chosen)
+        self._touchable = list(torques)
+        self._torques = list(torques.values())
+        self.torque_names = tuple(self.state_names[i] for i in self._torques)
+        """Names of the estimated external torques, one for each joint that may be touched."""
         self._warm()
 
     def _warm(self) -> None:
@@ -188,7 +206,7 @@ class LiveEstimator(JointAngles):
         built on first use.
         """
         with suppress(EstimationError):
-            for time in (0.0, self._interval):
+            for time in (0.0, self.interval):
                 self.step(time, np.zeros(self._width))
         for array in (self._kernel_state, self._x, self._y):
             array[:] = 0.0
@@ -206,8 +224,8 @@ class LiveEstimator(JointAngles):
                 sample has a wrong shape or a wild value: the state is then unchanged. Or the filter
                 diverged: call `reset`.
         """
-        name = self._estimator.name
-        problem = sample_problem(sample, self._estimator.channels)
+        name = self.estimator.name
+        problem = sample_problem(sample, self.channels)
         if problem is not None:
             raise EstimationError(f"{name}: {problem}")
         if type(time) is not float:
@@ -226,15 +244,15 @@ class LiveEstimator(JointAngles):
                 x[i + width] = MISSING
             else:
                 raise EstimationError(f"{name}: {wild_problem(sample)}")
-        if self._samples == 0:
+        if self.samples == 0:
             self._start(time, sample)
             x[0] = 0.0
             parts = 1
         else:
-            dt = time - self._time
+            dt = time - self.time
             if dt < SHORTEST:
-                check_time(name, self._time, time, False)
-            parts = predictions(dt, self._interval)
+                check_time(name, self.time, time, False)
+            parts = predictions(dt, self.interval)
             if parts > MOST_BRIDGES:
                 raise EstimationError(
                     f"{name}: a gap of {dt:g} s is too long to bridge; call reset"
@@ -243,13 +261,13 @@ class LiveEstimator(JointAngles):
         if parts > 1:
             self._bridge(parts)
         self._loop.step()
-        self._time = time
-        self._samples = self._samples + 1
+        self.time = time
+        self.samples = self.samples + 1
         for i, mask in enumerate(self._read):
             self._innovations[i] = self._y[i] if x[mask] else nan
-        if self._estimator.report.states:
+        if self.estimator.report.states:
             self._report()
-        angles = self._joints.tolist()
+        angles = self.angles.tolist()
         # a sum would warn of infinite terms; bytes are searched faster than an array is reduced
         bounded = b"\0" not in np.isfinite(self._kernel_state, out=self._finite).tobytes()
         for angle in angles:
@@ -267,13 +285,13 @@ class LiveEstimator(JointAngles):
         sample = values.copy()
         is_read = mask == READ
         for rows_after in range(parts - 1, 0, -1):
-            fill(values, mask, sample, is_read, rows_after, self._estimator.bridged)
+            fill(values, mask, sample, is_read, rows_after, self.estimator.bridged)
             self._loop.step()
         fill(values, mask, sample, is_read)
 
     def _report(self) -> None:
         """Write the reported mean and covariance, with the learned maps, from the filter's own."""
-        report = self._estimator.report
+        report = self.estimator.report
         y = self._y[None]
         n = self._n
         self._state[:] = report.means(self._kernel_state[None, :n], y)[0]
@@ -283,11 +301,11 @@ class LiveEstimator(JointAngles):
 
     def _start(self, time: float, sample: Floats) -> None:
         """Begin with the prior, at the angles and with the std that `reset` was given."""
-        self._kernel_state[:] = self._estimator.initial(time, sample).kernel_state
+        self._kernel_state[:] = self.estimator.initial(time, sample).kernel_state
         angles, std = self._begin
         if angles is not None:
-            self._kernel_state[self._angles] = angles
-        joints = np.arange(self._angles.stop)
+            self._kernel_state[self._joint_states] = angles
+        joints = np.arange(self._joint_states.stop)
         self._diagonal[joints] = np.maximum(self._diagonal[joints], std * std)
 
     def reset(self, angle: float | Sequence[float] | None = None, angle_std: float = 0.0) -> None:
@@ -303,24 +321,23 @@ class LiveEstimator(JointAngles):
             EstimationError: there are more or fewer angles than joints.
         """
         angles = None if angle is None else np.atleast_1d(np.asarray(angle, dtype=np.float64))
-        if angles is not None and angles.shape != (self._angles.stop,):
+        if angles is not None and angles.shape != (self._joint_states.stop,):
             raise EstimationError(
-                f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came"
+                f"reset takes {self._joint_states.stop} angles, one for each joint, {angle!r} came"
             )
         self._begin = (angles, angle_std)
-        self._samples = 0
-        self._time = nan
+        self.samples = 0
+        self.time = nan
         self._innovations[:] = np.nan
 
     def clone(self) -> LiveEstimator:
         """Return a live estimator at the same belief, with arrays of its own, so that both go on
         independently, also in different threads.
         """
-        return LiveEstimator(self.rig, self._estimator).resumed(self.belief())
+        return LiveEstimator(self.rig, self.estimator).resumed(self.belief())
 
-    def __copy__(self) -> LiveEstimator:
-        """Return a clone, since arrays are never shared."""
-        return self.clone()
+    __copy__ = clone
+    """Arrays are never shared."""
 
     def __deepcopy__(self, memo: object) -> LiveEstimator:
         """Return a clone."""
@@ -330,94 +347,46 @@ class LiveEstimator(JointAngles):
         """Return how to make this live estimator again in another process: its rig, its estimator
         by name, and its belief.
         """
-        return _made_again, (*self._made_of, self.belief())
+        return LiveEstimator, self._made_of, self.belief()
 
     def belief(self) -> Remembered:
         """Return a copy of all that the next sample changes, for `resumed`."""
-        arrays = [array.copy() for array in _arrays(self)]
-        return Remembered(arrays, self._begin, self._time, self._samples)
+        arrays = [array.copy() for array in self._arrays]
+        return Remembered(arrays, self._begin, self.time, self.samples)
 
     def resumed(self, belief: Remembered) -> LiveEstimator:
         """Return this live estimator, put back to a `belief`: the next sample is the one after."""
-        for array, values in zip(_arrays(self), belief.arrays):
+        for array, values in zip(self._arrays, belief.arrays):
             array[:] = values
-        _, self._begin, self._time, self._samples = belief
+        _, self._begin, self.time, self.samples = belief
         return self
 
-    @property
-    def estimator(self) -> KernelEstimator:
-        """The estimator that takes in the samples."""
-        return self._estimator
-
-    @property
-    def rig(self) -> Rig:
-        """The description of the rig that the estimator runs on."""
-        return self._estimator.rig
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the sensors in a sample."""
-        return self._estimator.channels
-
-    @property
-    def measured(self) -> tuple[str, ...]:
-        """Names of the sensors that have an innovation."""
-        return self._estimator.measured
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the estimator's states, (n,)."""
-        return self._estimator.state_names
-
-    @property
-    def interval(self) -> float:
-        """Nominal time between samples [s]."""
-        return self._estimator.interval
-
-    @property
-    def time(self) -> float:
-        """Stamp of the last sample [s]; NaN before the first."""
-        return self._time
-
-    @property
-    def samples(self) -> int:
-        """Number of samples taken in since the beginning or the last `reset`."""
-        return self._samples
-
-    @property
-    def angles(self) -> Floats:
-        """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
-        return _view(self._joints)
+    __setstate__ = resumed
 
     @property
     def angle_stds(self) -> Floats:
         """Standard deviations of the errors of the joints' angles [rad], (n_joints,)."""
-        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._angles], 0.0))
+        return self._stds(self._joint_states)
+
+    def _stds(self, states: slice | list[int]) -> Floats:
+        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[states], 0.0))
         return stds
 
     @property
     def added_by_maps(self) -> Floats:
         """Angles that learned maps add to the filter's own [rad], (n_joints,)."""
-        added: Floats = self._joints - self._kernel_state[self._angles]
+        added: Floats = self.angles - self._kernel_state[self._joint_states]
         return added
-
-    @property
-    def torque_names(self) -> tuple[str, ...]:
-        """Names of the estimated external torques, one for each joint that may be touched."""
-        return self._torque_names
 
     @property
     def contacts(self) -> tuple[JointContact, ...]:
         """Whether something touches each joint that may be touched, one entry for each."""
+        torques = zip(self.external_torques.tolist(), self.external_torque_stds.tolist())
+        felt = dict(zip(self._touchable, torques))
         contacts = list[JointContact]()
-        torques = self.external_torques
-        stds = self.external_torque_stds
-        for joint, at in self._contacts.items():
+        for joint, at in self.estimator.contacts.items():
             probability, since = self._kernel_state[at].tolist()
-            k = self._touchable.index(joint)
-            torque = float(torques[k])
-            std = float(stds[k])
-            contacts.append(JointContact(joint, probability, torque, std, since))
+            contacts.append(JointContact(joint, probability, *felt[joint], since))
         return tuple(contacts)
 
     @property
@@ -436,32 +405,7 @@ class LiveEstimator(JointAngles):
     @property
     def external_torque_stds(self) -> Floats:
         """Standard deviations of the errors of the external torques [N m]."""
-        stds: Floats = np.sqrt(np.maximum(np.diagonal(self._spread)[self._torques], 0.0))
-        return stds
-
-    @property
-    def mean(self) -> Floats:
-        """Reported estimate of the states, (n,), a read-only view that changes with each step."""
-        return self._mean
-
-    @property
-    def covariance(self) -> Floats:
-        """Reported covariance of the estimate's error, (n, n), a read-only view that changes with
-        each step.
-        """
-        return self._covariance
-
-    @property
-    def innovations(self) -> Floats:
-        """Innovations of the last sample, measured minus predicted, (m,), NaN where nothing was
-        compared; a view that changes with each step.
-        """
-        return _view(self._innovations)
-
-    @property
-    def innovation_variances(self) -> Floats:
-        """Variances of the innovations, (m,), a view that changes with each step."""
-        return _view(self._y[self._m : 2 * self._m])
+        return self._stds(self._torques)
 
 
 def _seconds(name: str, time: object) -> float:
@@ -478,23 +422,6 @@ def _view(array: Floats) -> Floats:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _arrays(live: LiveEstimator) -> list[Floats]:
-    """Return the arrays in which a live estimator differs from a new one."""
-    return [
-        live._kernel_state,
-        live._state,
-        live._spread,
-        live._innovations,
-    ]
-
-
-def _made_again(
-    rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: Remembered
-) -> LiveEstimator:
-    """Return a live estimator that was pickled."""
-    return LiveEstimator(rig, estimator, compiled).resumed(belief)
 
 
 TEMPERATURE_SLOPE = -0.0011
@@ -531,8 +458,6 @@ class LogUnits:
     Args:
         rig: the description, or a shipped rig's name, or a path.
         channels: sensors in a sample; default those of `LiveEstimator(rig)`, in its order.
-        temperature_slope: relative change of torque constants with temperature [1/K], used where
-            `sample` is given temperatures.
         ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
             routine they do not.
         doubting: whether readings that may be old are missing, see `RawToSI`.
@@ -542,7 +467,6 @@ class LogUnits:
         self,
         rig: Rig | str | Path,
         channels: Sequence[str] | None = None,
-        temperature_slope: float = TEMPERATURE_SLOPE,
         *,
         ranged: bool = True,
         doubting: bool = True,
@@ -557,7 +481,6 @@ class LogUnits:
         self._at = {
             name: i for names in (self.channels, self.columns) for i, name in enumerate(names)
         }
-        self._slope = temperature_slope
         self._ways = {"ranged": ranged, "doubting": doubting}
         self.reset()
 
@@ -592,9 +515,7 @@ class LogUnits:
 
         Turns are kept for encoders that wrap, not for motors that count their turns.
         """
-        other = LogUnits(
-            rig, self.channels, temperature_slope=self._slope, doubting=self._ways["doubting"]
-        )
+        other = LogUnits(rig, self.channels, doubting=self._ways["doubting"])
         other._to_si.follow(self._to_si)
         return other
 
@@ -627,9 +548,10 @@ class LogUnits:
             raise EstimationError(f"'{self.columns[at]}' cannot be {logged[at]:g}")
         sample = self._to_si.take(time, logged.tolist())
         for name, temperature in (temperatures or {}).items():
-            _check_temperature(name, temperature)
+            if not abs(_number(name, temperature)) <= HOTTEST:
+                raise EstimationError(f"temperatures: '{name}' cannot have {temperature!r} °C")
             for i in self._torques_of(name):
-                sample[i] *= 1.0 + self._slope * (temperature - REFERENCE)
+                sample[i] *= 1.0 + TEMPERATURE_SLOPE * (temperature - REFERENCE)
         return sample
 
     def _logged(self, values: Values) -> Floats:
@@ -675,11 +597,3 @@ def _number(name: str, value: object) -> float:
     if number in (inf, -inf):
         raise EstimationError(f"'{name}' is infinite")
     return number
-
-
-def _check_temperature(motor: str, temperature: object) -> None:
-    if (
-        not isinstance(temperature, (int, float, np.number))
-        or not abs(float(temperature)) <= HOTTEST
-    ):
-        raise EstimationError(f"temperatures: '{motor}' cannot have {temperature!r} °C")

@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TypeVar
@@ -22,17 +23,15 @@ from distal.estimators import (
     LARGEST_ANGLE,
     WILD,
     AdaptiveFilter,
-    Belief,
     KernelEstimator,
     RegressionEstimator,
     StateKind,
-    first_values,
     kinds_of,
     make_estimator,
     state_units,
     usual_estimator,
 )
-from distal.homing import check_homing, home, homed, with_prior_maps, with_references
+from distal.homing import Run, check_homing, home, homed, with_prior_maps, with_references
 from distal.kernels import AT_ONCE, Feed, advance, covariance_of, in_order, mean_of, variances_of
 from distal.logs import (
     LARGEST_READING,
@@ -81,14 +80,6 @@ def samples_of(
                 "or mend the log"
             )
     samples = np.column_stack([log.channels[channel] for channel in channels])
-    has_wild = np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
-    return without_wild(log, channels, samples) if has_wild else samples
-
-
-def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
-    """Return the `samples`, (k, n_channels), with wild values as NaN, and warn of each sensor that
-    has some.
-    """
     wild = np.abs(samples) > LARGEST_READING
     for channel, rows in zip(channels, wild.T):
         if rows.any():
@@ -97,9 +88,10 @@ def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
                 f"value{'s' if rows.sum() > 1 else ''}, the "
                 f"first at {log.time[rows.argmax()]:g} s, taken as missing ({WILD})",
                 DistalWarning,
-                stacklevel=4,
+                stacklevel=3,
             )
-    return np.where(wild, np.nan, samples)
+    samples[wild] = np.nan
+    return samples
 
 
 def estimate(
@@ -154,24 +146,6 @@ def estimate(
     spreads = np.diagonal(matrices, axis1=1, axis2=2)
     check_bounds(run, means, spreads)
     return finished(run, means, spreads, innovations, variances, matrices)
-
-
-@dataclass(frozen=True)
-class Run:
-    """A log and an estimator, ready to run.
-
-    Args:
-        estimator: to run over it.
-        samples: values of the estimator's channels, (k, n_channels).
-        start: belief before the first sample.
-        homing: for how long the true angle is used as a reference [s], or None.
-    """
-
-    log: Log
-    estimator: KernelEstimator
-    samples: Floats
-    start: Belief
-    homing: float | None
 
 
 def references_of(chosen: KernelEstimator) -> dict[str, int]:
@@ -240,10 +214,10 @@ def prepared(log: Log, chosen: KernelEstimator, homing: float | None = None) -> 
             read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
     samples = samples_of(read, chosen.channels, chosen.name, chosen.bridged or None)
     start = chosen.beginning(log.time, samples)
+    run = Run(log, chosen, samples, start, homing)
     if homing is not None and isinstance(chosen, AdaptiveFilter) and references_of(chosen):
-        adapted = home(chosen, start, log, samples, truths, homing)
-        return Run(log, adapted.estimator, adapted.samples, adapted.start, homing)
-    return Run(log, chosen, samples, start, homing)
+        return home(chosen, run, truths, homing)
+    return run
 
 
 def without_covariances(
@@ -359,15 +333,15 @@ def finished(
         innovations = innovations[:, columns]
         variances = variances[:, columns]
     measured = tuple(chosen.measured[i] for i in columns)
-    units = state_units(chosen)
-    kept = [*range(len(units))] if kept is None else list(kept)
-    prior_means, prior_stds = (None if of is None else of[kept] for of in priors_of(chosen))
-    kinds, parts = kinds_of(chosen)
+    states = [*zip(chosen.state_names, *kinds_of(chosen), state_units(chosen))]
+    kept = [*range(len(states))] if kept is None else [*kept]
+    names, kinds, parts, units = zip(*(states[i] for i in kept))
+    prior_means, prior_stds = (of[kept] for of in priors_of(chosen))
     return Estimate(
         chosen.name,
         chosen.rig.name,
         log.time,
-        tuple(chosen.state_names[i] for i in kept),
+        names,
         frozen(means),
         frozen(spreads),
         measured,
@@ -383,17 +357,20 @@ def finished(
         stamps=log.stamps,
         torque_truths=torques,
         unseen=chosen.unseen if isinstance(chosen, AdaptiveFilter) else None,
-        state_kinds=tuple(kinds[i] for i in kept),
-        state_parts=tuple(parts[i] for i in kept),
-        state_units=tuple(units[i] for i in kept),
+        state_kinds=kinds,
+        state_parts=parts,
+        state_units=units,
     )
 
 
-def priors_of(chosen: KernelEstimator) -> tuple[Floats | None, Floats | None]:
-    """Return prior means and stds, (n,) each, NaN for states that are not constants of the rig;
-    (None, None) for an estimator other than `adaptive`.
+def priors_of(chosen: KernelEstimator) -> tuple[Floats, Floats]:
+    """Return prior means and stds, (n,) each, NaN for states that are not constants of the rig, as
+    are all of an estimator other than `adaptive`.
     """
-    return chosen.priors if isinstance(chosen, AdaptiveFilter) else (None, None)
+    if isinstance(chosen, AdaptiveFilter):
+        return chosen.priors
+    none = np.full(len(chosen.state_names), np.nan)
+    return none, none
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:
@@ -537,25 +514,19 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         return []
     chosen = runs[0].estimator
     kernels = {id(run.estimator.kernel) for run in runs if run.estimator.has_kernel}
+    pieces: list[list[tuple[Floats, ...]] | None] = [None] * len(runs)
     # a homing move may give a run another kernel (`with_straight_line`)
-    if len(runs) == 1 or len(kernels) > 1 or _side_by_side(chosen) == 1:
-        return [_attempt(without_covariances, run) for run in runs]
-    try:
-        # a homing move gives each run parameters of its own
-        found = chosen.scan_all(
-            [run.start for run in runs],
-            [run.log.time for run in runs],
-            [run.samples for run in runs],
-            [run.estimator.parameters for run in runs],
-        )
-    except DistalError:
-        return [_attempt(without_covariances, run) for run in runs]
-    return [
-        _attempt(
-            lambda pair: without_covariances(*pair), (run, [chosen.reported(*moments, run.samples)])
-        )
-        for run, moments in zip(runs, found)
-    ]
+    if len(runs) > 1 and len(kernels) == 1 and _side_by_side(chosen) > 1:
+        # a homing move gives each run parameters of its own; one that fails is run alone
+        with suppress(DistalError):
+            found = chosen.scan_all(
+                [run.start for run in runs],
+                [run.log.time for run in runs],
+                [run.samples for run in runs],
+                [run.estimator.parameters for run in runs],
+            )
+            pieces = [[chosen.reported(*moments, run.samples)] for run, moments in zip(runs, found)]
+    return [_attempt(lambda pair: without_covariances(*pair), pair) for pair in zip(runs, pieces)]
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
@@ -573,22 +544,17 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
         EstimationError: the log lacks a sensor, the sensors do not suffice, or the filter diverged.
     """
     estimator = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
-    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
-    belief = estimator.initial(log.time[0], first_values(samples))
-    rows, last = estimator.checked_rows(belief, log.time, samples)
+    run = prepared(log, estimator)
+    belief = run.start
+    rows, last = estimator.checked_rows(belief, log.time, run.samples)
     kernel_states, ys = advance(
         estimator.kernel, Feed(belief.kernel_state, rows, estimator.parameters)
     )
     n = belief.size
     m = len(estimator.measured)
-    if len(
-        out_of_bounds(mean_of(kernel_states, n), variances_of(kernel_states, n), len(rig.joints))
-    ):
-        raise EstimationError(
-            f"{log.source}: the filter left all bounds; check the units of the log and the rig"
-        )
     means = mean_of(kernel_states, n).copy()
     covariances = covariance_of(kernel_states, n).copy()
+    check_bounds(run, means[last], variances_of(kernel_states, n)[last])
     predicted = ys[:, 2 * m : 2 * m + n]
     matrices = ys[:, 2 * m + n :].reshape(-1, 2, n, n)
     # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be
@@ -618,8 +584,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     if rig.map is not None:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
-    run = Run(log, estimator, samples, belief, None)
-    innovations = estimator.innovations_of(ys[last], samples)
+    innovations = estimator.innovations_of(ys[last], run.samples)
     return finished(run, means[last], spreads[last], *innovations, covariances[last])
 
 
@@ -631,11 +596,9 @@ def correct(
     What a map adds to the filter's own angle is not smoothed: a second run of the filter, with
     the map, gives it. Changed are the rows `last`, those of the samples.
     """
-    estimator = AdaptiveFilter(rig, compiled)
-    samples = samples_of(log, estimator.channels, estimator.name, estimator.bridged)
-    belief = estimator.initial(log.time[0], first_values(samples))
-    kernel_states, ys = estimator.advanced(belief, log.time, samples)
+    run = prepared(log, AdaptiveFilter(rig, compiled))
+    kernel_states, ys = run.estimator.advanced(run.start, log.time, run.samples)
     states = kernel_states[:, : means.shape[1]]
-    report = estimator.report.only(range(len(rig.joints)))
+    report = run.estimator.report.only(range(len(rig.joints)))
     means[last] += report.means(states, ys) - states
     covariances[last] = report.covariances(covariances[last], ys)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import cached_property, lru_cache, reduce
 from itertools import combinations
 
 import casadi as ca
@@ -26,7 +26,7 @@ from distal.estimators.adaptive.drive_tracking import (
     judged_by,
     with_evidence,
 )
-from distal.expressions import Vector, VectorNode
+from distal.expressions import VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log
 from distal.regression import (
@@ -89,21 +89,18 @@ class Redundancy:
     @classmethod
     def of(cls, rig: Rig, channels: Sequence[str]) -> Redundancy:
         """Return what a rig's logs taught of some channels."""
-        maps = () if rig.map is None else rig.map.efforts
-        among = [m for m in maps if {*m.joints, *m.channels} <= set(channels)]
+        judges = JudgedJumps.among(() if rig.map is None else rig.map.efforts, channels)
+        maps = tuple(judge.learned for judge in judges)
+        at = channels.index
+        forces = rig.sensors_of("force")
         judged = []
-        for sensor in rig.sensors if among else ():
-            if sensor.measures == "position" and sensor.name in channels:
-                names = [s.name for s in rig.sensors_of("force") if s.of == sensor.of]
-                message = [k for k, name in enumerate(channels) if name in (sensor.name, *names)]
+        for sensor in rig.sensors_of("position") if maps else ():
+            if sensor.name in channels:
+                read = [sensor, *(force for force in forces if force.of == sensor.of)]
+                message = tuple(at(each.name) for each in read if each.name in channels)
                 judged_with = tuple(judged_by(rig, sensor).tolist())
-                judged.append((channels.index(sensor.name), judged_with, tuple(message)))
-        return cls(tuple(among), tuple(channels), judged=tuple(judged))
-
-    @property
-    def efforts(self) -> list[str]:
-        """Names of the sensors that are predicted."""
-        return [name for learned in self.maps for name in learned.joints]
+                judged.append((at(sensor.name), judged_with, message))
+        return cls(maps, tuple(channels), judged=tuple(judged))
 
     @property
     def positions(self) -> list[str]:
@@ -115,52 +112,42 @@ class Redundancy:
         """Names of the forces that are tested together."""
         return [", ".join(learned.joints) for learned in self.maps]
 
+    @cached_property
+    def _layout(self) -> Layout:
+        """What is remembered: of each part, of each judge of jumps, and of each position."""
+        sizes = {f"part_{k}": part.memory.size for k, part in enumerate(self._parts)}
+        judges = sum(judge.memory.size for judge in self._judges)
+        return Layout(**sizes, judges=judges, tracks=(MEMORY, len(self.judged)))
+
     @property
     def memory(self) -> int:
-        """Length of what is remembered: that of each part, and of each position."""
-        judges = JudgedJumps.among(self.maps, self.channels)
-        parts = [*(part.memory.size for part in self._parts), *(j.memory.size for j in judges)]
-        return sum(parts) + MEMORY * len(self.judged)
+        """Length of what is remembered."""
+        return self._layout.size
 
-    @property
+    @cached_property
+    def _judges(self) -> list[JudgedJumps]:
+        return JudgedJumps.among(self.maps, self.channels)
+
+    @cached_property
     def _parts(self) -> list[_Part]:
-        at = self.channels.index
-        return [_Part(m, [at(name) for name in (*m.channels, *m.joints)]) for m in self.maps]
-
-    def outside(self, values: Vector, mask: Vector) -> Vector:
-        """Return 1 for each of `positions` that is read where no log has been, else 0.
-
-        Args:
-            values: of the channels.
-            mask: whether each of them is read.
-        """
-        ends = [end for learned in self.maps for end in learned.reach.values()]
-        at = [self.channels.index(name) for name in self.positions]
-        low, high = (ca.DM([end[side] for end in ends]) for side in (0, 1))
-        read = values[at, :]
-        return mask[at, :] * ca.logic_or(read < low, read > high)
+        return [_Part(j.learned, [*j.positions, *j.forces]) for j in self._judges]
 
     def supposed(self, memory: Floats) -> list[str]:
         """Return what is likelier than that all positions are right, touched or not, in words, by
         what is remembered.
         """
         causes = list[tuple[float, str]]()
-        at = 0
-        for part in self._parts:
-            evidence = memory[at : at + part.memory.size][part.memory["beside_touch"]]
-            at += part.memory.size
-            names = part.learned.channels
-            words = [f"{names[i]} and {names[j]} look exchanged" for i, j in part.pairs]
-            words += [f"{name} looks late" for name in names]
-            words += [f"{name} looks as if its sign were wrong" for name in names]
-            causes += [pair for pair in zip(evidence, words) if pair[0] > -np.log(PRIOR)]
+        for k, part in enumerate(self._parts):
+            of_part = memory[self._layout[f"part_{k}"]]
+            evidence = of_part[part.memory["beside_touch"]]
+            causes += [pair for pair in zip(evidence, part.suspicions) if pair[0] > -np.log(PRIOR)]
         return [text for _, text in sorted(causes, reverse=True)]
 
     def jumped(self, memory: Floats) -> str:
         """Return the position that jumped last and may be off, in words; empty where none is."""
-        shifts, times = (self._remembered(memory, name) for name in ("shift", "doubt"))
-        jumped = [(times[name], name) for name, shift in shifts.items() if shift]
-        return "" if not jumped else "{1} jumped {0:.2g} s ago".format(*min(jumped))
+        tracks = self._tracks(memory)
+        jumped = [(was["doubt"], name) for name, was in tracks.items() if was["shift"]]
+        return "{1} jumped {0:.2g} s ago".format(*min(jumped)) if jumped else ""
 
     def likely_cause(self, memory: Floats, interval: float) -> str:
         """Return what forces that are not those of free motion most likely come of, in words.
@@ -169,41 +156,41 @@ class Redundancy:
             memory: what is remembered.
             interval: between samples [s].
         """
-        repeats = self._remembered(memory, "repeats")
-        same = [name for name, count in repeats.items() if count * interval > INDEPENDENT]
+        tracks = self._tracks(memory)
+        same = [name for name, was in tracks.items() if was["repeats"] * interval > INDEPENDENT]
         stuck = f"{', '.join(same)} does not change: is it stuck"
         causes = [
             *self.supposed(memory),
             self.jumped(memory),
-            stuck if 0 < len(same) < len(repeats) else "",
+            stuck if 0 < len(same) < len(tracks) else "",
             "something touches, or a sensor is wrong",
         ]
         return next(filter(None, causes))
 
-    def _remembered(self, memory: Floats, name: str) -> dict[str, float]:
-        """Return position → what the `memory` holds of it under a `name` of `REMEMBERED`."""
-        begin = len(memory) - MEMORY * len(self.judged) + REMEMBERED.index(name)
-        positions = [self.channels[k] for k, *_ in self.judged]
-        return dict(zip(positions, memory[begin::MEMORY].tolist()))
+    def _tracks(self, memory: Floats) -> dict[str, dict[str, float]]:
+        """Return position → what the `memory` holds of it, by the names of `REMEMBERED`."""
+        rows = memory[self._layout["tracks"]].reshape(-1, MEMORY).tolist()
+        named = [dict(zip(REMEMBERED, row)) for row in rows]
+        return dict(zip([self.channels[k] for k, *_ in self.judged], named))
 
     def around(self, judged: ca.Function, sample: Layout) -> ca.Function:
         """Return the function (memory, sample) → (memory⁺, findings) around one that also takes
-        whether each of `parts` is unlike free motion; what is remembered of them is behind its own
-        memory.
+        whether each of `parts` is unlike free motion, and each of `positions` where no log has
+        been; what is remembered of them is behind its own memory.
         """
         if not self.maps:
             return judged
         own = judged.size1_in(0)
         memory = ca.MX.sym("memory", own + self.memory)
         x = ca.MX.sym("sample", sample.size)
-        after, _, unlike, _ = self._step(memory[own:], sample.parts(x))
-        left, findings = judged(memory[:own], x, unlike)
+        after, _, unlike, outside = self._step(memory[own:], sample.parts(x))
+        left, findings = judged(memory[:own], x, unlike, outside)
         return ca.Function("judged_with_maps", [memory, x], [ca.vertcat(left, after), findings])
 
     def along(self, time: Floats, values: Floats, mask: Bools) -> tuple[Floats, Floats, Floats]:
         """Return what each sample costs each of `parts`, −2 ln of its likelihood for each force,
-        but a constant, over a log; whether its mean T² is beyond what is normal; and
-        whether a position is where no log has been, all (k, n_parts).
+        but a constant, over a log, and whether its mean T² is beyond what is normal, (k, n_parts)
+        both; and whether each of `positions` is where no log has been, (k, n_positions).
 
         Args:
             time: stamps [s], (k,).
@@ -214,79 +201,69 @@ class Redundancy:
             [np.arange(len(time)) == 0, np.diff(time, prepend=time[:1]), values, mask]
         )
         ys = advance(_kernel(self), Feed(np.zeros(self.memory), rows.astype(np.float64), NONE)).ys
-        costs, unlike, outside = np.hsplit(ys, 3)
+        costs, unlike, outside = np.hsplit(ys, [len(self.maps), 2 * len(self.maps)])
         return costs, unlike, outside
 
     def _step(
         self, memory: VectorNode, came: Mapping[str, VectorNode]
     ) -> tuple[VectorNode, VectorNode, VectorNode, VectorNode]:
         """Return what is remembered after a sample, and what `along` returns."""
-        costs: list[VectorNode] = []
-        unlike: list[VectorNode] = []
-        outside: list[VectorNode] = []
-        after: list[VectorNode] = []
-        sample, tracked = self._tracked(memory, came)
+        layout = self._layout
+        remembered = layout.parts(memory)
+        sample, after = self._tracked(remembered, came)
         values = ca.if_else(sample.chance > 0.5, sample.real, sample.off)
-        came = {**came, "values": values, "mask": sample.masks}
-        at = 0
-        for part in self._parts:
-            was = part.memory.parts(memory[at : at + part.memory.size])
-            at += part.memory.size
-            read = came["values"][part.read]
-            mask = came["mask"][part.read]
+        found = []
+        for k, part in enumerate(self._parts):
+            was = part.memory.parts(remembered[f"part_{k}"])
+            read = values[part.read]
+            mask = sample.masks[part.read]
             square, spread, beyond, left = part.compared(
                 was["features"], came["first"], came["dt"], read, mask
             )
             is_read = _every(mask)
-            judged = is_read * (beyond <= 0)
-            now = averaged(was, came["first"], square, came["dt"], judged)
-            remembered = {**was, "features": left, **now}
+            is_outside = _any(beyond > 0)
+            now = averaged(was, came["first"], square, came["dt"], is_read * (1 - is_outside))
+            now = {**was, "features": left, **now}
             if self.supposes:
-                remembered |= part.supposed(
-                    was, came, read, mask, (square, spread, beyond), is_read
-                )
+                now |= part.supposed(was, came, read, mask, (square, spread, beyond), is_read)
             is_unlike = 1 - _every(now["means"] <= ca.DM(part.learned.normal))
-            is_wrong = _any(remembered["evidence"] > -np.log(PRIOR))
-            costs.append(_cost(square, spread, beyond))
-            outside.append(beyond > 0)
-            unlike.append(ca.fmax(ca.fmax(is_unlike, is_wrong), _any(sample.lasting[part.read])))
-            after.append(part.memory.joined(**remembered))
-        return ca.vertcat(*after, tracked), *(ca.vertcat(*of) for of in (costs, unlike, outside))
+            is_wrong = _any(now["evidence"] > -np.log(PRIOR))
+            unlike = ca.fmax(ca.fmax(is_unlike, is_wrong), _any(sample.lasting[part.read]))
+            cost = ca.if_else(is_outside, MOST, _cost(square, spread, beyond))
+            found.append((cost, unlike, beyond > 0))
+            after[f"part_{k}"] = part.memory.joined(**now)
+        costs, unlike, outside = (ca.vertcat(*of) for of in zip(*found))
+        return layout.joined(**after), costs, unlike, outside
 
     def _tracked(
-        self, memory: VectorNode, came: Mapping[str, VectorNode]
-    ) -> tuple[BothReadings, VectorNode]:
-        """Return a sample as its positions are believed, and what is remembered of them after it,
-        which is the end of the memory.
+        self, was: Mapping[str, VectorNode], came: Mapping[str, VectorNode]
+    ) -> tuple[BothReadings, dict[str, VectorNode]]:
+        """Return a sample as its positions are believed, and what is remembered of them and of
+        jumps after it, by the names of the layout.
         """
-        judges = JudgedJumps.among(self.maps, self.channels)
-        begin = memory.numel() - MEMORY * len(self.judged)
-        of_judges = begin - sum(judge.memory.size for judge in judges)
-        begun = [begun_alone(came["values"][k], came["mask"][k]) for k, *_ in self.judged]
-        tracks = ca.if_else(came["first"], ca.vertcat(*begun), memory[begin:])
-        positions = [
-            (k, ca.MX(ca.DM(judged_with)), message) for k, judged_with, message in self.judged
+        first, dt, values, mask = (came[name] for name in ("first", "dt", "values", "mask"))
+        tracks = [
+            ca.if_else(first, begun_alone(values[k], mask[k]), was["tracks"][:, i])
+            for i, (k, *_) in enumerate(self.judged)
         ]
-        sample = judged_alone(
-            ca.vertsplit(tracks, MEMORY), came["dt"], came["values"], came["mask"], positions
-        )
-        at_first = [
-            judge.begun(came["values"][list(judge.positions)], came["mask"][list(judge.positions)])
-            for judge in judges
-        ]
+        positions = [(k, ca.MX(ca.DM(judged)), message) for k, judged, message in self.judged]
+        sample = judged_alone(tracks, dt, values, mask, positions)
+        judges = self._judges
+        begun = [j.begun(values[list(j.positions)], mask[list(j.positions)]) for j in judges]
         ratios, judged_jumps = evidence_of_jumps(
             judges,
-            ca.if_else(came["first"], ca.vertcat(*at_first), memory[of_judges:begin]),
-            came["dt"],
+            ca.if_else(first, ca.vertcat(*begun), was["judges"]),
+            dt,
             sample.off,
             sample.real,
             sample.masks,
-            ca.DM(np.concatenate([NONE, *(forces_parameters(j.learned) for j in judges)])),
+            ca.DM(np.concatenate([forces_parameters(judge.learned) for judge in judges])),
         )
-        tracks = [
+        drives = [
             with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
         ]
-        return sample, ca.vertcat(judged_jumps, *tracks)
+        tracked = ca.horzcat(ca.MX(MEMORY, 0), *drives)
+        return sample, {"judges": judged_jumps, "tracks": tracked}
 
 
 @dataclass(frozen=True)
@@ -301,10 +278,30 @@ class _Part:
         """The shape of its map."""
         return Shape.of(self.learned)
 
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of positions that may be exchanged."""
-        return list(combinations(range(len(self.learned.channels)), 2))
+    def hypotheses(self, read: VectorNode, earlier: VectorNode) -> dict[str, VectorNode]:
+        """Return what may be wrong in words → what the readings would be without it.
+
+        Args:
+            read: the readings.
+            earlier: those `LATE` before.
+        """
+        names = self.learned.channels
+        found = dict[str, VectorNode]()
+        for i, j in combinations(range(len(names)), 2):
+            order = list(range(len(self.read)))
+            order[i], order[j] = j, i
+            found[f"{names[i]} and {names[j]} look exchanged"] = read[order]
+        for k, name in enumerate(names):
+            found[f"{name} looks late"] = ca.vertcat(earlier[:k], read[k], earlier[k + 1 :])
+        for k, name in enumerate(names):
+            turned = ca.vertcat(read[:k], -read[k], read[k + 1 :])
+            found[f"{name} looks as if its sign were wrong"] = turned
+        return found
+
+    @cached_property
+    def suspicions(self) -> list[str]:
+        """What may be wrong, in words."""
+        return [*self.hypotheses(*[ca.MX(len(self.read), 1)] * 2)]
 
     @property
     def memory(self) -> Layout:
@@ -313,7 +310,7 @@ class _Part:
         evidence for them beside free motion, and beside a touch; and the readings before, with the
         time since the last of them [s].
         """
-        count = len(self.pairs) + 2 * len(self.learned.channels)
+        count = len(self.suspicions)
         size = self.shape.memory.size
         return Layout(
             features=size,
@@ -331,8 +328,8 @@ class _Part:
     def compared(
         self, was: VectorNode, first: VectorNode, dt: VectorNode, read: VectorNode, mask: VectorNode
     ) -> tuple[VectorNode, VectorNode, VectorNode, VectorNode]:
-        """Return T² of the forces and its spread, see `forces_function`, by how much of its range a
-        position is beyond all logs, and what the features remember.
+        """Return T² of the forces and its spread, see `forces_function`, by how much of its range
+        each position is beyond all logs, and what the features remember.
         """
         shape = self.shape
         positions = read[: shape.channels]
@@ -345,8 +342,7 @@ class _Part:
         )
         low, high = (ca.DM([end[side] for end in self.learned.reach.values()]) for side in (0, 1))
         away = ca.fmax(ca.fmax(low - positions, positions - high), 0) / (high - low)
-        beyond = _any(away * given)
-        return square, spread, beyond, left
+        return square, spread, away * given, left
 
     def supposed(
         self,
@@ -369,16 +365,8 @@ class _Part:
         kept = ca.if_else(is_next, ca.horzcat(read, kept[:, :-1]), kept)
         clock = ca.if_else(is_next, 0, clock)
         earlier = kept[:, -1] + ca.fmin(clock * KEPT / LATE, 1) * (kept[:, -2] - kept[:, -1])
-        readings = []
-        for i, j in self.pairs:
-            order = list(range(len(self.read)))
-            order[i], order[j] = j, i
-            readings.append(read[order])
-        for k in range(self.shape.channels):
-            readings.append(ca.vertcat(earlier[:k], read[k], earlier[k + 1 :]))
-        for k in range(self.shape.channels):
-            readings.append(ca.vertcat(read[:k], -read[k], read[k + 1 :]))
-        count = len(readings)
+        count = len(self.suspicions)
+        readings = ca.horzcat(*self.hypotheses(read, earlier).values())
         turn = ca.if_else(begins, 0, was["turn"])
         chosen = ca.DM(range(count)) == turn
         since = ca.if_else(begins, -1, was["since"])
@@ -388,7 +376,7 @@ class _Part:
             ca.mtimes(was["supposed"], chosen),
             age < 0,
             waited,
-            ca.mtimes(ca.horzcat(*readings), chosen),
+            ca.mtimes(readings, chosen),
             mask,
         )
         # a pose tells one thing, however long it is held: as much as a way of one std tells
@@ -420,7 +408,7 @@ def _cost(square: VectorNode, spread: VectorNode, beyond: VectorNode) -> VectorN
     """Return −2 ln of the likelihood of a sample for each force, but a constant: a position that is
     a whole range beyond the logs is as unlikely as any force.
     """
-    return ca.fmin(square + MOST * beyond, MOST) + spread
+    return ca.fmin(square + MOST * _any(beyond), MOST) + spread
 
 
 def _every(flags: VectorNode) -> VectorNode:

@@ -28,13 +28,14 @@ from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError, StudyError
 from distal.estimators import DEFAULT, KernelEstimator, make_estimator
+from distal.homing import Run
 from distal.kernels import Kernel, lanes_here
 from distal.logs import write_whole
 from distal.model import Mechanism
 from distal.parallel import one_blas_thread
 from distal.results import Estimate, make_folder
 from distal.rig import Rig, named
-from distal.run.offline import Run, prepared, run_all
+from distal.run.offline import prepared, run_all
 from distal.simulation import Scenario
 from distal.simulation.plant import (
     BodyInputs,
