@@ -23,7 +23,7 @@ from distal.estimators.adaptive.update import (
 )
 from distal.estimators.estimator_protocol import UNKNOWN_POSITION, StateKind
 from distal.kernels import covariance_of, mean_of
-from distal.model import Kick, kick_and_drift, responses
+from distal.model import Kick, damped_inertias, kicked, loads_of
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -208,12 +208,13 @@ def move_function(states: StateVector, count: int) -> ca.Function:
         )
     parameters = states.parameters(state)
     q, v, effort = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("effort", nb)
-    response = ca.SX.sym("response", nb, 4)
-    stepped = kick_and_drift(
-        mechanism, Kick(q, v, effort, response, h, h), rebounds=False, bodies=range(nj)
-    )
-    substep = ca.Function("substep", [q, v, effort, response, h, p], list(stepped))
-    respond = ca.Function("responses", [h, p], [responses(mechanism, h, h)])
+    damped = ca.SX.sym("damped", nj)
+    kick = Kick(q, v, effort, h, h, damped=damped)
+    joints = kicked(mechanism, kick, loads_of(mechanism, kick))
+    stepped = [ca.vertcat(joints.q, q[nj:] + h * v[nj:]), ca.vertcat(joints.v, v[nj:])]
+    substep = ca.Function("substep", [q, v, effort, damped, h, p], stepped)
+    added = damped_inertias(mechanism.dampings()[:nj], mechanism.inertias()[:nj], h)
+    respond = ca.Function("damped", [h, p], [added])
     outputs = [
         ca.vertcat(state[:nj], *starts),
         ca.vertcat(state[nj : 2 * nj], *speeds),

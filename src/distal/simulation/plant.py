@@ -97,7 +97,7 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     parts = parts_of_plant(mechanism)
     if parts:
         return plants_apart(mechanism, parts, count)
-    step = interval_step(mechanism, count, with_servo=True)
+    step = interval_step(mechanism, count)
     q = ca.SX.sym("q", n)
     v = ca.SX.sym("v", n)
     tensions = ca.Function(
