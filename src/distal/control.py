@@ -50,8 +50,8 @@ from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_models import quantisation_variance, quantised_values
 from distal.simulation import Control, JointControl, Scenario, simulate_plant
 from distal.simulation.plant import (
-    PlantMotion,
     at_rest,
+    check_motion,
     check_names,
     plant_kernel,
     rows_of,
@@ -365,7 +365,7 @@ class ControlledPlant:
         self._kernel_state = kernel_states[-1]
         self._y[self._done + 1 : end + 1] = ys
         try:
-            PlantMotion(self.plant, ys).check()
+            check_motion(self.plant, ys)
         except ScenarioError as problem:
             pulls = ", ".join(
                 f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts)

@@ -4,7 +4,7 @@ arise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 
 import casadi as ca
@@ -100,55 +100,28 @@ def drawn_curve(
 
 
 class SensorErrors:
-    """The errors of n sensors in one run, whose samples may come in groups of any size.
+    """The errors of a sensor in one run, whose samples may come in groups of any size.
 
-    Each sensor has its entry in `travels`, over which its linearity curve is defined [SI], and its
-    own generator in `rngs`, which draws curve and noise. These draws do not depend on which errors
-    are zero.
+    Its linearity curve is defined over a `travel` [SI]. Curve and noise are drawn by `rng`, and do
+    not depend on which errors are zero.
     """
 
     def __init__(
-        self,
-        sensors: Sequence[Sensor],
-        travels: Sequence[tuple[float, float]],
-        rngs: Sequence[np.random.Generator],
+        self, sensor: Sensor, travel: tuple[float, float], rng: np.random.Generator
     ) -> None:
-        of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
-        rows = []
-        for sensor, (low, high), rng in zip(sensors, travels, of_curves):
-            weights, phases = drawn_curve((low, high), sensor.linearity, rng)
-            fixed = gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor)
-            rows.append(
-                np.concatenate([fixed, [low, high if high > low else low + 1.0], weights, phases])
-            )
-        self.values = np.array(rows)
-        """The numbers of `SENSOR` of each sensor, (n, 12)."""
-        self._columns = ca.DM(self.values.T)
-        self._drawn = np.zeros((0, len(sensors)))
-
-    def draws(self, count: int) -> Floats:
-        """Return the random numbers that the next samples will have, (count, n)."""
-        more = count - len(self._drawn)
-        if more > 0:
-            self._drawn = np.vstack(
-                [self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])]
-            )
-        return self._drawn[:count]
+        of_curve, self._rng = rng.spawn(2)
+        low, high = travel
+        weights, phases = drawn_curve(travel, sensor.linearity, of_curve)
+        fixed = gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor)
+        ends = low, high if high > low else low + 1.0
+        self._values = np.concatenate([fixed, ends, weights, phases])
 
     def read(self, true: Floats) -> Floats:
-        """Return what the sensors read at the next samples, in the order of time, of `true` values
-        [SI], (k, n); see `reading`.
+        """Return what the sensor reads at the next samples, in the order of time, of `true` values
+        [SI], (k,); see `reading`.
         """
-        draws = self.draws(len(true))
-        function = _function(reading)
-        self._drawn = self._drawn[len(true) :]
-        if len(true) == 1:
-            return np.array(function(true, self._columns, draws))
-        each = [
-            function(true[:, [k]].T, self._columns[:, k], draws[:, [k]].T)
-            for k in range(len(self.values))
-        ]
-        read: Floats = np.array(ca.vertcat(*each)).T
+        draws = self._rng.normal(size=len(true))
+        read: Floats = np.array(_function(reading)(true[None], self._values, draws[None])).ravel()
         return read
 
 

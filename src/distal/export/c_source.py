@@ -625,18 +625,7 @@ $touched$
 """
 
 
-@dataclass(frozen=True)
-class ExportedCommand(Translated):
-    """The live inverse of a rig as C.
-
-    Args:
-        joints: indices of the joints that have desired angles.
-    """
-
-    joints: tuple[int, ...]
-
-
-def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
+def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> Translated:
     """Return the live inverse of a rig as C99; its results are those of `LiveInverse`.
 
     Args:
@@ -690,11 +679,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         **positions("x", layout.x),
         **positions("y", layout.y),
     }
-    return ExportedCommand(
-        name,
-        filled(_COMMAND_HEADER, values, real),
-        filled(_COMMAND_SOURCE, values, real),
-        tuple(model.free),
+    return Translated(
+        name, filled(_COMMAND_HEADER, values, real), filled(_COMMAND_SOURCE, values, real)
     )
 
 

@@ -359,26 +359,20 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     return np.array(mechanism.spread @ angles[mechanism.free] + mechanism.offsets).ravel()
 
 
-@dataclass(frozen=True)
-class PlantMotion:
-    """The plant's motion at the start and after every interval: the outputs y of its kernel, (k,
-    n_y), see `plant_function`.
+def check_motion(plant: Mechanism, y: Floats) -> None:
+    """Check that a plant's motion is finite and within bounds.
+
+    Args:
+        y: outputs of its kernel, (k, n_y), see `plant_function`.
+
+    Raises:
+        ScenarioError: it is not.
     """
-
-    plant: Mechanism
-    y: Floats
-
-    def check(self) -> None:
-        """Check that the motion is finite and within bounds.
-
-        Raises:
-            ScenarioError: it is not.
-        """
-        if not np.all(np.isfinite(self.y)) or np.abs(self.y[:, : self.plant.n_bodies]).max() > 1e3:
-            raise ScenarioError(
-                "the simulated motion left all bounds: a force without a stop or tendon that "
-                "holds it, or a step that is too long (see stepping.largest_step)"
-            )
+    if not np.all(np.isfinite(y)) or np.abs(y[:, : plant.n_bodies]).max() > 1e3:
+        raise ScenarioError(
+            "the simulated motion left all bounds: a force without a stop or tendon that "
+            "holds it, or a step that is too long (see stepping.largest_step)"
+        )
 
 
 def rows_of(inputs: BodyInputs, dt: float) -> Floats:

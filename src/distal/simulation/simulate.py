@@ -36,9 +36,9 @@ from distal.rig import (
 from distal.sensor_models import SensorErrors
 from distal.simulation.plant import (
     BodyInputs,
-    PlantMotion,
     at_rest,
     body_inputs,
+    check_motion,
     ends_of_outputs,
     equilibrium,
     initial_angles,
@@ -66,20 +66,13 @@ class Sampler:
         y = ca.SX.sym("y", ends_of_outputs(plant)[-1])
         p = plant.parameters
         moment = moment_of(plant, y)
-        readings = [ca.SX(moment.read(sensor)) for sensor in rig.sensors]
-        # most sensors read one of the plant's outputs: those are taken as they are
-        positions = {y[i].element_hash(): i for i in range(y.numel())}
-        self._columns = np.array(
-            [positions.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp
-        )
-        self._computed = np.flatnonzero(self._columns < 0)
-        computed = ca.vertcat(*(readings[k] for k in self._computed))
+        readings = ca.vertcat(*(moment.read(sensor) for sensor in rig.sensors))
         self._function = ca.Function(
-            "readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))]
+            "readings", [y], [ca.densify(ca.substitute(readings, p.symbols, ca.DM(p.values)))]
         )
         rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
         self._errors = [
-            SensorErrors([sensor], [travel_of(sensor, rig)], [rng])
+            SensorErrors(sensor, travel_of(sensor, rig), rng)
             for sensor, rng in zip(rig.sensors, rngs)
         ]
 
@@ -93,15 +86,13 @@ class Sampler:
             stamps: rising, of `stamps_of` [s], (k,).
         """
         read = np.full((len(stamps), len(self._errors)), np.nan)
-        true: Floats = y[:, self._columns]
-        if len(self._computed):
-            true[:, self._computed] = np.array(self._function(y.T)).T
+        true = np.array(self._function(y.T)).T
         for k, (sensor, errors) in enumerate(zip(self._rig.sensors, self._errors)):
             times = np.round(stamps * sensor.rate) / sensor.rate
             due = np.flatnonzero(np.round(times, 9) == stamps)
             if len(due):
                 at = np.interp(times[due] - sensor.delay, grid, true[:, k])
-                read[due, k] = errors.read(at[:, None])[:, 0]
+                read[due, k] = errors.read(at)
         return read
 
 
@@ -227,9 +218,10 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
     return dt, max(2, 2 * substeps(plant, dt))
 
 
-def motions_of(runs: Sequence[Prepared]) -> list[PlantMotion]:
+def motions_of(runs: Sequence[Prepared]) -> list[Floats]:
     """Return the motions of runs whose plants and sub-steps have one structure, side by side where
-    there are vector lanes.
+    there are vector lanes: of each run the outputs y of the plant's kernel at the start and after
+    every interval, (k, n_y), see `plant_function`.
 
     Raises:
         ScenarioError: a motion left all bounds.
@@ -241,22 +233,19 @@ def motions_of(runs: Sequence[Prepared]) -> list[PlantMotion]:
         for run, (kernel_state, _) in zip(runs, begun)
     ]
     moved = advance_all(kernel, feeds, keep=())
-    motions = [
-        PlantMotion(run.plant, np.vstack([first, after.ys]))
-        for run, (_, first), after in zip(runs, begun, moved)
-    ]
-    for motion in motions:
-        motion.check()
+    motions = [np.vstack([first, after.ys]) for (_, first), after in zip(begun, moved)]
+    for run, motion in zip(runs, motions):
+        check_motion(run.plant, motion)
     return motions
 
 
-def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
+def sampled(prepared: Prepared, motion: Floats, seed: int) -> Log:
     """Return the log of a motion: what the sensors read, and the truth. The seed decides the
     sensors' errors.
     """
     stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
-    read = Sampler(prepared.plant, seed).read(motion.y, prepared.grid(len(motion.y)), stamps)
-    return log_of(prepared, motion.y, stamps, read)
+    read = Sampler(prepared.plant, seed).read(motion, prepared.grid(len(motion)), stamps)
+    return log_of(prepared, motion, stamps, read)
 
 
 def log_of(prepared: Prepared, y: Floats, stamps: Floats, read: Floats) -> Log:

@@ -24,6 +24,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError, StudyError
@@ -38,7 +39,6 @@ from distal.run.offline import Run, prepared, run_all
 from distal.simulation import Scenario
 from distal.simulation.plant import (
     BodyInputs,
-    PlantMotion,
     body_inputs,
     equilibrium,
     initial_angles,
@@ -272,7 +272,7 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup:
     return _Setup(scenario, rig, draws, fixed, kernel, inputs, (dt, count), estimator)
 
 
-def _motions(group: Sequence[Prepared]) -> Sequence[PlantMotion | DistalError]:
+def _motions(group: Sequence[Prepared]) -> Sequence[Floats | DistalError]:
     try:
         return motions_of(group)
     except DistalError as problem:
