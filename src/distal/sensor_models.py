@@ -4,14 +4,14 @@ arise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Expression
+from distal.expressions import Expression, symbols
 from distal.kernels import Layout
 from distal.rig import Sensor, gain_of, step_of
 
@@ -73,15 +73,10 @@ def quantised_values(values: Floats, step: float) -> Floats:
 
 
 @cache
-def _function(of: Callable[..., ca.SX]) -> ca.Function:
-    """Return (true, numbers of `SENSOR`, draw) → `reading`, or (true, numbers) →
-    `linearity_curve`.
-    """
-    true = ca.SX.sym("true")
-    values = ca.SX.sym("numbers", SENSOR.size)
-    draw = ca.SX.sym("draw")
-    inputs = [true, values, draw][: 3 if of is reading else 2]
-    return ca.Function(of.__name__, inputs, [of(true, SENSOR.parts(values), *inputs[2:])])
+def _reading() -> ca.Function:
+    """Return (true, numbers of `SENSOR`, draw) → `reading`."""
+    true, values, draw = inputs = symbols(ca.SX, true=1, numbers=SENSOR.size, draw=1)
+    return ca.Function("reading", inputs, [reading(true, SENSOR.parts(values), draw)])
 
 
 def drawn_curve(
@@ -92,10 +87,8 @@ def drawn_curve(
     """
     weights = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1)
     phases = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
-    values = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], weights, phases])
-    peak = np.abs(
-        np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], values))
-    ).max()
+    numbers = {"low": 0.0, "high": 1.0, "weights": weights, "phases": phases}
+    peak = np.abs(np.array(linearity_curve(ca.DM(np.linspace(0.0, 1.0, 501)), numbers))).max()
     return (largest / peak if ends[1] > ends[0] else 0.0) * weights, phases
 
 
@@ -121,7 +114,7 @@ class SensorErrors:
         [SI], (k,); see `reading`.
         """
         draws = self._rng.normal(size=len(true))
-        read: Floats = np.array(_function(reading)(true[None], self._values, draws[None])).ravel()
+        read: Floats = np.array(_reading()(true[None], self._values, draws[None])).ravel()
         return read
 
 

@@ -65,7 +65,7 @@ from distal.rig import (
     std_name,
 )
 from distal.run.health import LIMITS
-from distal.simulation.plant import inside_function
+from distal.simulation.plant import rest_function
 from distal.units import rounded, unit_factor
 
 NAMED_JOINTS = 3
@@ -573,7 +573,7 @@ class Inverse:
             if model.n_inside:
                 of_rig = self._parameters[: model.n_parameters - len(model.derived)]
                 q = ca.vertcat(model.all_joints(y["angles"]), y["positions"])
-                inside = inside_function(model.mechanism)(q, of_rig)
+                inside, _ = rest_function(model.mechanism)(q, of_rig)
                 kernel_state[layout["inside"]] = inside.full().ravel()
         return advance(self._kernel, Feed(kernel_state, rows, self._parameters))
 

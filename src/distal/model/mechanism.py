@@ -161,7 +161,7 @@ class Mechanism(Tendons):
         limits = []
         p = self.parameters
         for i, body in enumerate(self.bodies):
-            if body.is_joint:
+            if i < self.n_joints:
                 limit = self._joint_friction(i, tensions)
             else:
                 limit = self._drive_friction(i, tensions if at_drives is None else at_drives)

@@ -323,7 +323,6 @@ class Body:
 
     path: str
     name: str
-    is_joint: bool
     has_stops: bool
 
 
@@ -393,7 +392,7 @@ class Tendons:
         inside = (*self.plays, *self.strains) if remembers else ()
         self.parameters = Parameters(rig, inputs, inside, derived)
         self.bodies = tuple(
-            Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
+            Body(f"{kind}.{i}", part.name, part.stops is not None)
             for kind, parts in (("joints", rig.joints), ("drives", rig.drives))
             for i, part in enumerate(parts)
         )
@@ -646,8 +645,6 @@ class Tendons:
             ca.vertcat(*(tension(i, force) for i, force in enumerate(forces)))
             for forces in self._end_forces(state.q, state.inside[self._first_point :])
         )
-        if all(self.sheath(i) is None for i in range(self.n_tendons)):
-            return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
         forces = -ca.vertcat(
             ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive)
         )

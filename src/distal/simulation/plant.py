@@ -144,37 +144,30 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
-def inside_function(mechanism: Mechanism) -> ca.Function:
-    """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
-    are in the middle of their bounds, and creep is as settled as the rig says.
+def rest_function(mechanism: Mechanism) -> ca.Function:
+    """Return the function (q, p) → (internal state, elastic forces of the tendons on the bodies) of
+    a plant that has long stood at q: plays are in the middle of their bounds, and creep is as
+    settled as the rig says. The parameters p are those of a mechanism that remembers no internal
+    state.
     """
-    settled = settled_creeps(mechanism)
+    tendons = enumerate(mechanism.rig.tendons)
+    # numbers of such a mechanism, which so belong to its structure
+    settled = tuple((i, t.creep.settled.value) for i, t in tendons if t.creep is not None)
 
     def make() -> ca.Function:
         still = Mechanism(mechanism.rig)
-        at = ca.SX.sym("q", mechanism.n_bodies)
-        pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+        q = ca.SX.sym("q", mechanism.n_bodies)
+        pulls = still.pulls(q, ca.SX.zeros(mechanism.n_bodies))
+        state = still.internal_state(q)
         p = still.parameters
         strains = []
         for i, share in settled:
             stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
             strains.append(share * p[f"tendons.{i}.creep.share"] * stretch)
-        return ca.Function(
-            "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
-        )
+        force = -ca.mtimes(still.length_jacobian(state.q).T, still.elastic_forces(state.q))
+        return ca.Function("rest", [q, p.symbols], [ca.vertcat(*state.inside, *strains), force])
 
-    return function_of(structure_of("inside", mechanism, settled=settled), make)
-
-
-def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
-    """Return the tendon of each creep, and how far it has settled at the start. These are numbers
-    of a mechanism that remembers no internal state, and so belong to its structure.
-    """
-    return tuple(
-        (i, tendon.creep.settled.value)
-        for i, tendon in enumerate(mechanism.rig.tendons)
-        if tendon.creep is not None
-    )
+    return function_of(structure_of("rest", mechanism, settled=settled), make)
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -395,7 +388,7 @@ def at_rest(
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.values
-    inside = inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
+    inside, _ = rest_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
     still = np.zeros(n + len(hysteretic(mechanism)))
     kernel_state = np.concatenate([start, still, np.array(inside).ravel()])
     # a tiny interval gives the tensions there
@@ -405,20 +398,6 @@ def at_rest(
     y[:, n : 2 * n] = 0.0
     y[:, -n:] = inputs.effort[0] + stiffness * (target - start)
     return kernel_state, y
-
-
-def resting_force(mechanism: Mechanism) -> ca.Function:
-    """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
-
-    def make() -> ca.Function:
-        still = Mechanism(mechanism.rig)
-        q = ca.SX.sym("q", mechanism.n_bodies)
-        tied = still.internal_state(q).q
-        pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
-        return ca.Function("force", [q, still.parameters.symbols], [pull])
-
-    settled = settled_creeps(mechanism)
-    return function_of(structure_of("resting force", mechanism, settled=settled), make)
 
 
 def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
@@ -433,7 +412,7 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
     """
     from scipy.optimize import brentq
 
-    force = resting_force(mechanism)
+    at_rest = rest_function(mechanism)
     p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
     coordinates = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]
@@ -443,7 +422,7 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         def net(position: float, body: int = i) -> float:
             coordinates[body] = position
             spring = servo[body, 0] * (servo[body, 1] - position)
-            return float(force(coordinates, p)[body] + inputs.effort[0, body] + spring)
+            return float(at_rest(coordinates, p)[1][body] + inputs.effort[0, body] + spring)
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):
