@@ -878,11 +878,11 @@ def export_c(
             )
         check_scales(rig, "a command in C that keeps tendons taut", "tension")
         texts |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
-    files = {f"src/{file}" if arduino else file: text for file, text in texts.items()}
+    names = export_files(exported.name, command, arduino)
+    files = dict(zip(names, [*texts.values(), readme(exported)]))
     if arduino and not (folder / PROPERTIES).is_file():
         values = {"name": exported.name, "short": exported.name[:63], "rig": comment(rig.name)}
         files[PROPERTIES] = filled(_PROPERTIES, values)
-    files["README.md"] = readme(exported)
     check_outputs(outputs_in(folder, files, "the export"))
     check_ours(folder, files)
     with as_output_error(folder):

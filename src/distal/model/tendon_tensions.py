@@ -46,35 +46,6 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
 
 
-SHORTEST_SPRING = 1e-6
-"""Least length of an extension spring [m]; at length zero it has no direction. Source: rounding (a
-division by zero).
-"""
-
-
-def extension_torque(
-    away: Scalar,
-    stiffness: Scalar,
-    free_length: Scalar,
-    radius: Scalar,
-    distance: Scalar,
-    preload: Scalar,
-) -> Scalar:
-    """Return the torque −F dL/dθ [N m] of a spring between two points, with the length L² = r² + R²
-    − 2 r R cos x and dL/dθ = r R sin x/L.
-
-    F = max(preload + k (L − free length), 0), the force of an extension spring with initial
-    tension: its coils open at `free_length` [m] with the force `preload` [N], and k is its
-    `stiffness` [N/m]. The angle x = θ − line angle [rad] is `away`. The distances from the axis to
-    the points on the link and on the base are `radius` r and `distance` R [m].
-    """
-    length = ca.sqrt(
-        ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST_SPRING**2)
-    )
-    force = ca.fmax(preload + stiffness * (length - free_length), 0)
-    return -force * radius * distance * ca.sin(away) / length
-
-
 NEWTON_STEPS = 3
 """Number of Newton steps to the position at which tendons balance. Few are enough: their pull is
 made of straight lines, with a bend where one goes slack. Source: rounding (of 20,000 random pairs

@@ -165,9 +165,9 @@ def rest_function(mechanism: Mechanism) -> ca.Function:
             stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
             strains.append(share * p[f"tendons.{i}.creep.share"] * stretch)
         force = -ca.mtimes(still.length_jacobian(state.q).T, still.elastic_forces(state.q))
-        return ca.Function("rest", [q, p.symbols], [ca.vertcat(*state.inside, *strains), force])
+        return ca.Function("standing", [q, p.symbols], [ca.vertcat(*state.inside, *strains), force])
 
-    return function_of(structure_of("rest", mechanism, settled=settled), make)
+    return function_of(structure_of("standing", mechanism, settled=settled), make)
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:

@@ -18,7 +18,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path
-from threading import Lock
 from typing import TypeVar
 
 import numpy as np
@@ -88,14 +87,13 @@ class Task:
 
 
 _SPACES: dict[str, Space] = {}
-_TURNS = Lock()  # threads of a process take turns
 
 
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
     """Return the rows of some designs, given by their indices: one row for each design, rig as
     built and scenario. A run that fails has a row too, with its error as ``problem``.
     """
-    with _TURNS, one_blas_thread():
+    with one_blas_thread():
         begun = time.perf_counter()
         digest = plan.digest
         space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
