@@ -54,7 +54,6 @@ from distal.simulation.plant import (
     check_motion,
     check_names,
     plant_kernel,
-    rows_of,
 )
 from distal.simulation.scenario import as_scenario
 from distal.simulation.simulate import Sampler, log_of, prepare, stamps_of
@@ -281,9 +280,9 @@ class ControlledPlant:
         self.plant = plant = prepared.plant
         self._drives = plant.rig.drives
         self._kernel = plant_kernel(plant, prepared.count)
-        self.begin = at_rest(plant, prepared.inputs, prepared.start, self._kernel)
+        self.begin = at_rest(plant, prepared.rows, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
-        self._rows = rows_of(prepared.inputs, prepared.dt)
+        self._rows = prepared.rows
         self._grid = prepared.grid(len(self._rows) + 1)
         self._stamps = stamps_of(plant.rig, 0.0, duration)
         latest = max((sensor.delay for sensor in plant.rig.sensors), default=0.0)

@@ -35,16 +35,14 @@ from distal.rig import (
 )
 from distal.sensor_models import SensorErrors
 from distal.simulation.plant import (
-    BodyInputs,
     at_rest,
-    body_inputs,
     check_motion,
-    ends_of_outputs,
     equilibrium,
     initial_angles,
     longest_interval,
+    output_layout,
+    plant_inputs,
     plant_kernel,
-    rows_of,
 )
 from distal.simulation.scenario import Scenario, as_scenario
 
@@ -53,7 +51,7 @@ def moment_of(plant: Mechanism, y: Vector) -> Moment:
     """Return the motion at one moment from an output y, (n_y,), of a plant's kernel
     (`plant_function`).
     """
-    return Moment(plant, *ca.vertsplit(y, ends_of_outputs(plant)))
+    return Moment(plant, *output_layout(plant).parts(y).values())
 
 
 class Sampler:
@@ -63,7 +61,7 @@ class Sampler:
 
     def __init__(self, plant: Mechanism, seed: int) -> None:
         self._rig = rig = plant.rig
-        y = ca.SX.sym("y", ends_of_outputs(plant)[-1])
+        y = ca.SX.sym("y", output_layout(plant).size)
         p = plant.parameters
         moment = moment_of(plant, y)
         readings = ca.vertcat(*(moment.read(sensor) for sensor in rig.sensors))
@@ -138,7 +136,7 @@ class Prepared:
     Args:
         rig: as filters know it.
         plant: equations of the plant, which has the scenario's ``[plant]`` values, too.
-        inputs: what acts on the bodies in each interval.
+        rows: what acts on the bodies in each interval, `plant_inputs`.
         start: coordinates at rest, (n_bodies,) [rad, m].
         dt: length of an interval [s].
         count: number of sub-steps in an interval.
@@ -147,7 +145,7 @@ class Prepared:
     rig: Rig
     scenario: Scenario
     plant: Mechanism
-    inputs: BodyInputs
+    rows: Floats
     start: Floats
     dt: float
     count: int
@@ -177,10 +175,9 @@ def prepare(
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig), remembers=True)
     dt, steps, count = timing(plant, scenario, period)
-    grid: Floats = dt * np.arange(steps, dtype=np.float64)
-    inputs = body_inputs(scenario, plant, grid)
-    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-    return Prepared(rig, scenario, plant, inputs, start, dt, count)
+    rows = plant_inputs(scenario, plant, dt, steps)
+    start = equilibrium(plant, initial_angles(scenario, plant), rows)
+    return Prepared(rig, scenario, plant, rows, start, dt, count)
 
 
 def timing(
@@ -199,7 +196,7 @@ def timing(
     dt, count = intervals_of(plant, period or 1.0 / fastest)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
-    # each interval has inputs and outputs of the plant, of which BodyInputs has five for each body
+    # each interval has inputs and outputs of the plant, of which the inputs are five for each body
     size = 2 * 5 * plant.n_bodies * np.dtype(np.float64).itemsize * scenario.duration / dt
     if size > memory_limit():
         raise ScenarioError(
@@ -227,9 +224,9 @@ def motions_of(runs: Sequence[Prepared]) -> list[Floats]:
         ScenarioError: a motion left all bounds.
     """
     kernel = plant_kernel(runs[0].plant, runs[0].count)
-    begun = [at_rest(run.plant, run.inputs, run.start, kernel) for run in runs]
+    begun = [at_rest(run.plant, run.rows, run.start, kernel) for run in runs]
     feeds = [
-        Feed(kernel_state, rows_of(run.inputs, run.dt), run.plant.parameters.values)
+        Feed(kernel_state, run.rows, run.plant.parameters.values)
         for run, (kernel_state, _) in zip(runs, begun)
     ]
     moved = advance_all(kernel, feeds, keep=())
@@ -263,7 +260,7 @@ def log_of(prepared: Prepared, y: Floats, stamps: Floats, read: Floats) -> Log:
         *(f"force_{drive}" for drive in rig.drive_names),
         *(f"tension_{tendon}" for tendon in rig.tendon_names),
     ]
-    q, _, tensions, pulls = np.split(y, ends_of_outputs(prepared.plant)[1:-1], axis=1)
+    q, _, tensions, pulls = output_layout(prepared.plant).views(y).values()
     columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], tensions])
     grid = prepared.grid(len(y))
     truth = {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}

@@ -170,7 +170,7 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
         except DistalError as problem:
             outcomes[k] = problem
         else:
-            structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
+            structure = id(setup.kernel), len(built.rows), repr(built.dt)
             plants.setdefault(structure, []).append((k, setup, built))
     runs = dict[int, list[tuple[int, Run]]]()
     for group in _groups(plants.values()):
@@ -233,7 +233,7 @@ class _Setup:
         """Return the scenario on one rig as built."""
         of = self.nominal
         plant = Mechanism(of.rig.with_values(self.drawn(seed)), remembers=True)
-        start = equilibrium(plant, initial_angles(of.scenario, plant), of.inputs)
+        start = equilibrium(plant, initial_angles(of.scenario, plant), of.rows)
         return replace(of, plant=plant, start=start)
 
 
