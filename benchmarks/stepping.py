@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.report import FOLDER, table
 from distal import Rig, load_rig
-from distal.model import Kick, Mechanism, interval_step, kick_and_drift, responses
+from distal.model import Kick, Mechanism, damped_inertias, interval_step, kick_and_drift
 
 DT = 0.01
 COUNTS = (6, 8, 10, 12, 15, 20, 30, 40)
@@ -51,7 +51,7 @@ def euler(mechanism: Mechanism, count: int, implicit: bool) -> Step:
     q, v, effort, h = (
         ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("effort", n), ("h", 1))
     )
-    response = ca.SX.sym("response", n, 4)
+    damped = ca.SX.sym("damped", n)
     own = None
     if implicit:
         jacobian = mechanism.length_jacobian(q)
@@ -68,14 +68,16 @@ def euler(mechanism: Mechanism, count: int, implicit: bool) -> Step:
             ca.SX.zeros(n),
         )
         own = ca.horzcat(ca.SX.zeros(n), h * stiffness)
-    moved = kick_and_drift(mechanism, Kick(q, v, effort, response, h, h, own), rebounds=False)
-    sub = ca.Function("sub", [q, v, effort, response, h, p], list(moved))
-    prepared = ca.Function("responses", [h, p], [responses(mechanism, h, h)])
+    moved = kick_and_drift(mechanism, Kick(q, v, effort, h, h, own, damped))
+    sub = ca.Function("sub", [q, v, effort, damped, h, p], list(moved))
+    prepared = ca.Function(
+        "damped", [h, p], [damped_inertias(mechanism.dampings(), mechanism.inertias(), h)]
+    )
     made: dict[str, object] = {}
 
     def call(state: tuple[object, object], e: object, h: object, p: object) -> object:
-        made.setdefault("response", prepared(h, p))  # the same in every sub-step
-        return sub(*state, e, made["response"], h, p)
+        made.setdefault("damped", prepared(h, p))  # the same in every sub-step
+        return sub(*state, e, made["damped"], h, p)
 
     return _loop("euler", mechanism, count, call)
 

@@ -151,7 +151,7 @@ def measure(
     """Return what a sensor reads over a whole run, (n,), of `true` values [SI] over a `travel`
     [SI]; see `SensorErrors`.
     """
-    return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
+    return SensorErrors(sensor, travel, rng).read(true)
 
 
 def turned_capstan(duration: float, **more: object) -> Scenario:

@@ -110,14 +110,10 @@ def test_switching_one_error_off_keeps_the_others(paper_rig: Rig) -> None:
 
 
 def test_samples_one_by_one_read_as_a_whole_run_does() -> None:
-    """A control loop gets what a log would hold: sample by sample, several sensors at once, beyond
-    what is drawn ahead.
-    """
-    sensors = load_rig("paper-2008").sensors
-    travels = [(-2.5e-3, 7.5e-3)] * len(sensors)
-    true = 4e-3 * np.sin(np.linspace(0, 9, 700))[:, None] * np.ones(len(sensors))
-    rngs = np.random.default_rng(5).spawn(len(sensors))
-    errors = SensorErrors(sensors, travels, np.random.default_rng(5).spawn(len(sensors)))
-    steps = np.vstack([errors.read(row[None]) for row in true])
-    whole = [measure(*given) for given in zip(sensors, true.T, travels, rngs)]
-    np.testing.assert_array_equal(steps, np.column_stack(whole))
+    """A control loop gets what a log would hold, sample by sample."""
+    true = 4e-3 * np.sin(np.linspace(0, 9, 700))
+    for sensor in load_rig("paper-2008").sensors:
+        errors = SensorErrors(sensor, TRAVEL, np.random.default_rng(5))
+        steps = [errors.read(true[k : k + 1])[0] for k in range(len(true))]
+        whole = measure(sensor, true, TRAVEL, np.random.default_rng(5))
+        np.testing.assert_array_equal(steps, whole)

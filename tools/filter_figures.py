@@ -24,7 +24,7 @@ from distal.estimators import AdaptiveFilter, Robustness
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks, tracking
 from distal.estimators.adaptive.filter_function import adaptive_layout
 from distal.estimators.adaptive.update import ROW, SLOW_DECLARED, Rows, motion_of
-from distal.model import Kick, Mechanism, kick_and_drift, responses
+from distal.model import Kick, Mechanism, kicked, loads_of
 from distal.results import (
     BLACK,
     COLOURS,
@@ -240,12 +240,11 @@ def prediction() -> Figure:
     log = simulate(fine, build_scenario({**plain, "drives": servos, "duration": "2 s"}))
     mechanism, h = Mechanism(fine), ca.SX.sym("h")
     q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies)
-    kick = Kick(
-        q, v, ca.SX.zeros(mechanism.n_bodies, 1), responses(mechanism, h, h, rebounds=False), h, h
-    )
-    moved = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(n))
+    kick = Kick(q, v, ca.SX.zeros(mechanism.n_bodies, 1), h, h)
+    link = kicked(mechanism, kick, loads_of(mechanism, kick))
     p = mechanism.parameters
-    function = ca.Function("step", [q, v, h, p.symbols], list(moved))
+    moved = [ca.vertcat(link.q, q[n:] + h * v[n:]), ca.vertcat(link.v, v[n:])]
+    function = ca.Function("step", [q, v, h, p.symbols], moved)
     positions = np.column_stack([log.truth["position_left"], log.truth["position_right"]])
     angle, t = log.truth["theta"], log.time
     speed = np.gradient(angle, t)

@@ -47,11 +47,10 @@ from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_models import quantisation_variance, quantised_values
 from distal.simulation import Control, JointControl, Scenario, simulate_plant
 from distal.simulation.plant import (
-    PlantMotion,
     at_rest,
+    check_motion,
     check_names,
     plant_kernel,
-    rows_of,
 )
 from distal.simulation.scenario import as_scenario
 from distal.simulation.simulate import Sampler, log_of, prepare, stamps_of
@@ -273,9 +272,9 @@ class ControlledPlant:
         self.plant = plant = prepared.plant
         self._drives = plant.rig.drives
         self._kernel = plant_kernel(plant, prepared.count)
-        self.begin = at_rest(plant, prepared.inputs, prepared.start, self._kernel)
+        self.begin = at_rest(plant, prepared.rows, prepared.start, self._kernel)
         self._per_period = round(period / prepared.dt)
-        self._rows = rows_of(prepared.inputs, prepared.dt)
+        self._rows = prepared.rows
         self._grid = prepared.grid(len(self._rows) + 1)
         self._stamps = stamps_of(plant.rig, 0.0, duration)
         latest = max((sensor.delay for sensor in plant.rig.sensors), default=0.0)
@@ -357,7 +356,7 @@ class ControlledPlant:
         self._kernel_state = kernel_states[-1]
         self._y[self._done + 1 : end + 1] = ys
         try:
-            PlantMotion(self.plant, ys).check()
+            check_motion(self.plant, ys)
         except ScenarioError as problem:
             pulls = ", ".join(
                 f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts)

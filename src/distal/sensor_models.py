@@ -4,14 +4,14 @@ arise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Expression
+from distal.expressions import Expression, symbols
 from distal.kernels import Layout
 from distal.rig import Sensor, gain_of, step_of
 
@@ -73,15 +73,10 @@ def quantised_values(values: Floats, step: float) -> Floats:
 
 
 @cache
-def _function(of: Callable[..., ca.SX]) -> ca.Function:
-    """Return (true, numbers of `SENSOR`, draw) → `reading`, or (true, numbers) →
-    `linearity_curve`.
-    """
-    true = ca.SX.sym("true")
-    values = ca.SX.sym("numbers", SENSOR.size)
-    draw = ca.SX.sym("draw")
-    inputs = [true, values, draw][: 3 if of is reading else 2]
-    return ca.Function(of.__name__, inputs, [of(true, SENSOR.parts(values), *inputs[2:])])
+def _reading() -> ca.Function:
+    """Return (true, numbers of `SENSOR`, draw) → `reading`."""
+    true, values, draw = inputs = symbols(ca.SX, true=1, numbers=SENSOR.size, draw=1)
+    return ca.Function("reading", inputs, [reading(true, SENSOR.parts(values), draw)])
 
 
 def drawn_curve(
@@ -92,63 +87,34 @@ def drawn_curve(
     """
     weights = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1)
     phases = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
-    values = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], weights, phases])
-    peak = np.abs(
-        np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], values))
-    ).max()
+    numbers = {"low": 0.0, "high": 1.0, "weights": weights, "phases": phases}
+    peak = np.abs(np.array(linearity_curve(ca.DM(np.linspace(0.0, 1.0, 501)), numbers))).max()
     return (largest / peak if ends[1] > ends[0] else 0.0) * weights, phases
 
 
 class SensorErrors:
-    """The errors of n sensors in one run, whose samples may come in groups of any size.
+    """The errors of a sensor in one run, whose samples may come in groups of any size.
 
-    Each sensor has its entry in `travels`, over which its linearity curve is defined [SI], and its
-    own generator in `rngs`, which draws curve and noise. These draws do not depend on which errors
-    are zero.
+    Its linearity curve is defined over a `travel` [SI]. Curve and noise are drawn by `rng`, and do
+    not depend on which errors are zero.
     """
 
     def __init__(
-        self,
-        sensors: Sequence[Sensor],
-        travels: Sequence[tuple[float, float]],
-        rngs: Sequence[np.random.Generator],
+        self, sensor: Sensor, travel: tuple[float, float], rng: np.random.Generator
     ) -> None:
-        of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
-        rows = []
-        for sensor, (low, high), rng in zip(sensors, travels, of_curves):
-            weights, phases = drawn_curve((low, high), sensor.linearity, rng)
-            fixed = gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor)
-            rows.append(
-                np.concatenate([fixed, [low, high if high > low else low + 1.0], weights, phases])
-            )
-        self.values = np.array(rows)
-        """The numbers of `SENSOR` of each sensor, (n, 12)."""
-        self._columns = ca.DM(self.values.T)
-        self._drawn = np.zeros((0, len(sensors)))
-
-    def draws(self, count: int) -> Floats:
-        """Return the random numbers that the next samples will have, (count, n)."""
-        more = count - len(self._drawn)
-        if more > 0:
-            self._drawn = np.vstack(
-                [self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])]
-            )
-        return self._drawn[:count]
+        of_curve, self._rng = rng.spawn(2)
+        low, high = travel
+        weights, phases = drawn_curve(travel, sensor.linearity, of_curve)
+        fixed = gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor)
+        ends = low, high if high > low else low + 1.0
+        self._values = np.concatenate([fixed, ends, weights, phases])
 
     def read(self, true: Floats) -> Floats:
-        """Return what the sensors read at the next samples, in the order of time, of `true` values
-        [SI], (k, n); see `reading`.
+        """Return what the sensor reads at the next samples, in the order of time, of `true` values
+        [SI], (k,); see `reading`.
         """
-        draws = self.draws(len(true))
-        function = _function(reading)
-        self._drawn = self._drawn[len(true) :]
-        if len(true) == 1:
-            return np.array(function(true, self._columns, draws))
-        each = [
-            function(true[:, [k]].T, self._columns[:, k], draws[:, [k]].T)
-            for k in range(len(self.values))
-        ]
-        read: Floats = np.array(ca.vertcat(*each)).T
+        draws = self._rng.normal(size=len(true))
+        read: Floats = np.array(_reading()(true[None], self._values, draws[None])).ravel()
         return read
 
 

@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 from distal import Rig, load_rig
 from distal.model import (
     Mechanism,
-    free_response,
     restitution,
-    soft,
     soft_moments,
     stretched,
 )
-from distal.model.friction import capstan_limit, stribeck
+from distal.model.friction import Limit, capstan_limit, stribeck
 from distal.rig import Linkage, Pinned, Pulley
 from tests.helpers import NaiveRig, finite_difference
 from tests.model.helpers import At, look
@@ -108,31 +106,6 @@ def test_an_impossible_length_gives_the_nearest_angle() -> None:
     assert np.rad2deg(far) == pytest.approx(90.0, abs=3.0)
 
 
-@given(st.floats(-5, 5), st.floats(0, 5))
-def test_soft_solves_the_inclusion(z: float, limit: float) -> None:
-    """v = soft(z, l) is the one v with z − v in l · sgn(v), sgn(0) = [−1, 1]."""
-    v = float(soft(ca.DM(z), ca.DM(limit)))
-    if v == 0.0:
-        assert abs(z) <= limit
-    else:
-        assert z - v == pytest.approx(limit * np.sign(v), abs=1e-12)
-
-
-def test_free_response_is_exact_and_smooth_at_zero_damping() -> None:
-    c = ca.SX.sym("c")
-    a, b = free_response(c, ca.SX(2.0), ca.SX(0.1))
-    function = ca.Function("response", [c], [a, b, ca.jacobian(ca.vertcat(a, b), c)])
-    for damping in (0.0, 1e-9, 1e-4, 2e-4, 0.3, 40.0, 1e6):
-        got_a, got_b, slope = (
-            float(part[0]) if part.shape == (1, 1) else part.full() for part in function(damping)
-        )
-        x = damping * 0.1 / 2.0
-        assert got_a == pytest.approx(np.exp(-x), rel=1e-14)
-        expected = 0.05 if damping == 0 else -np.expm1(-x) / damping
-        assert got_b == pytest.approx(expected, rel=1e-12)
-        assert np.all(np.isfinite(slope))
-
-
 def test_restitution_is_that_of_the_contact() -> None:
     """Against the contact's own equation of motion, m ẍ = −max(k x + c ẋ, 0), integrated."""
     from scipy.integrate import solve_ivp
@@ -181,7 +154,7 @@ def test_soft_moments_are_those_of_a_normal_distribution(
     weights /= weights.sum()
     values = np.maximum(z + std * x - limit, 0) + np.minimum(z + std * x + limit, 0)
     mean = float(np.sum(weights * values))
-    moments = soft_moments(ca.DM(z), ca.DM(limit), ca.DM(std))
+    moments = soft_moments(ca.DM(z), Limit(ca.DM(limit), ca.DM(limit)), ca.DM(std))
     assert float(moments.mean) == pytest.approx(mean, abs=1e-6)
     assert float(moments.slope) == pytest.approx(
         float(np.sum(weights * (np.abs(z + std * x) > limit))), abs=2e-3

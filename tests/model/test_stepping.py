@@ -16,20 +16,14 @@ from distal.model import (
     Mechanism,
     interval_step,
     kick_and_drift,
-    responses,
+    kicked,
+    loads_of,
     stiffest_frequency,
     substeps,
 )
-from distal.model.friction import (
-    Flight,
-    Limit,
-    Push,
-    Stop,
-    bounce,
-    kick_at_stops,
-    velocity_in_stops,
-)
+from distal.model.friction import Flight, bounce
 from tests.helpers import NaiveRig, rms_degrees, without_stops
+from tests.support.one_body import one_body
 
 DT = 0.01
 
@@ -214,9 +208,10 @@ def driven_substep(
     """
     n, p = mechanism.n_bodies, mechanism.parameters
     q, v, h = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("h")
-    kick = Kick(q, v, ca.SX.zeros(n), responses(mechanism, h, h, rebounds=False), h, h)
-    moved = kick_and_drift(mechanism, kick, rebounds=False, bodies=[0])
-    function = ca.Function("driven", [q, v, h, p.symbols], list(moved))
+    kick = Kick(q, v, ca.SX.zeros(n), h, h)
+    joint = kicked(mechanism, kick, loads_of(mechanism, kick))
+    moved = ca.vertcat(joint.q, q[1:] + h * v[1:])
+    function = ca.Function("driven", [q, v, h, p.symbols], [moved, ca.vertcat(joint.v, v[1:])])
 
     def step(q: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         q_next, v_next = function(q, v, h, p.values)
@@ -257,12 +252,6 @@ def test_substeps_follow_the_stiffest_mode(paper_rig: Rig) -> None:
     assert substeps(Mechanism(paper_rig.with_values({"stepping.largest_step": "1 ms"})), 0.01) == 10
     with pytest.raises(RigError, match="too stiff for its lightest body"):
         substeps(Mechanism(paper_rig.with_values({"tendons.0.stiffness": 1e9})), 0.01)
-
-
-def _stop(rebound: float, implicitness: float = 1.0) -> Stop:
-    return Stop(
-        low=-2e-3, high=3e-3, stiffness=1e5, damping=3.0, rebound=rebound, implicitness=implicitness
-    )
 
 
 def _parameters(*values: object) -> list[float]:
@@ -310,73 +299,61 @@ def test_a_body_flies_off_a_stop_along_the_parabola_of_its_kick() -> None:
     assert flown > 10
 
 
-def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() -> None:
-    """(1 + b (D + α k h + b_s)) v + l ∂|v| ∋ z − b k (x − x_stop) in contact, (1 + b D) v + l ∂|v|
-    ∋ z without.
+STOPS = {"joints.0.stops": [-0.2, 0.3], "drives.0.stops": [-2e-3, 3e-3]}
 
-    In contact is what is beyond a stop after its free drift and would be pushed back there; the
-    last half kick asks the same of where it is, and takes a push only outwards.
+
+@pytest.mark.parametrize("last", [False, True])
+def test_each_body_moves_as_if_it_were_alone(paper_rig: Rig, last: bool) -> None:
+    """A link and two sliders at their stops, beyond them and between, in stick and slip: the kick
+    of all bodies is the textbook's of each one.
     """
-    rng, b, drag, h = np.random.default_rng(5), 0.4, 0.7, 1e-4
-    of_kind = dict.fromkeys(("high", "low", "loose", "held"), 0)
-
-    def obeys(v: float, z: float, factor: float, up: float, down: float) -> bool:
-        left, exact = z - factor * v, 1e-9 * (1 + abs(z))
-        return (
-            -down - exact <= left <= up + exact
-            and (v <= 0 or left >= up - exact)
-            and (v >= 0 or left <= exact - down)
-        )
-
+    mechanism, rng = Mechanism(paper_rig.with_values(STOPS)), np.random.default_rng(5)
+    n, p = mechanism.n_bodies, mechanism.parameters
+    symbols = [ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("e", n), ("h", 1))]
+    q, v, effort, h = symbols
+    kick = Kick(q, v, effort, h, h)
+    _, together = kick_and_drift(mechanism, kick, last)
+    each = [one_body(mechanism, kick, body, last) for body in range(n)]
+    alone = ca.vertcat(*(body.velocity for body in each))
+    free = ca.vertcat(*(body.z for body in each))
+    function = ca.Function("kick", [*symbols, p.symbols], [together, alone, free])
+    stuck = moved = 0
     for _ in range(300):
-        # near a stop, mostly: beyond it and on the way out, too
-        stop, x = (
-            _stop(0.0, rng.choice([0.5, 1.0])),
-            rng.choice([-2e-3, 3e-3]) + rng.uniform(-2e-4, 2e-4),
+        near = [rng.choice([-0.2, 0.3]), rng.choice([-2e-3, 3e-3]), 2e-3]
+        at = near + rng.normal(size=n) * [1e-3, 1e-5, 1e-3]
+        size = rng.choice([1e-3, 1.0])
+        speeds = size * rng.normal(size=n) * [0.3, 0.03, 0.03]
+        state = at, speeds, rng.normal(size=n) * [0.05, 5.0, 5.0]
+        found, expected, pushed = (
+            part.full().ravel() for part in function(*state, 10 ** rng.uniform(-5, -3), p.values)
         )
-        z, (up, down) = rng.normal() * 3.0, rng.uniform(0.0, 0.5, 2)
-        push, held = (
-            Push(z, Limit(up, down), b, drag),
-            1 + b * (drag + stop.implicitness * 1e5 * h + 3.0),
-        )
-        free = (max(z - up, 0) + min(z + down, 0)) / (1 + b * drag)
-        assert _parameters(push.free)[0] == pytest.approx(free, abs=1e-14)
-        end = x + h * free
-        at_high = end > 3e-3 and 1e5 * (end - 3e-3) + 3.0 * free > 0
-        at_low = end < -2e-3 and 1e5 * (end + 2e-3) + 3.0 * free < 0
-        of_kind["high" if at_high else "low" if at_low else "loose"] += 1
-        v, final = _parameters(*kick_at_stops(stop, push, x, ca.SX(0), ca.SX(h), h))
-        assert final == pytest.approx(x + h * v, abs=1e-15)
-        inside = x - 3e-3 if at_high else x + 2e-3
-        if at_high or at_low:
-            assert obeys(v, z - b * 1e5 * inside, held, up, down)
-        else:
-            assert v == pytest.approx(free, abs=1e-14)
-        side, inside = (1.0, x - 3e-3) if x > 3e-3 else (-1.0, x + 2e-3)
-        is_beyond, pushed = not -2e-3 <= x <= 3e-3, z - b * 1e5 * inside
-        pressed = (max(pushed - up, 0) + min(pushed + down, 0)) / held
-        expected = pressed if is_beyond and side * pressed < side * free else free
-        assert _parameters(velocity_in_stops(stop, push, x, h))[0] == pytest.approx(
-            expected, abs=1e-13
-        )
-        of_kind["held"] += expected != free
-    assert min(of_kind.values()) >= 5
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+        stuck += np.sum(found == 0.0)
+        moved += np.sum(np.sign(found) != np.sign(pushed))
+    assert stuck > 20
+    assert moved > 20
 
 
-def test_a_bounce_is_taken_only_where_a_stop_is_met() -> None:
-    """With a coefficient of restitution a body that stays off its stops moves as without; one that
-    flies in comes back.
+def test_a_bounce_is_taken_only_where_a_stop_is_met(paper_rig: Rig) -> None:
+    """With a coefficient of restitution a slider that stays off its stops moves as without; one
+    that flies in comes back.
     """
-    h, push = 1e-3, Push(2.0, Limit(0.0, 0.0), 1e-3, 0.0)
-    stop = _stop(rebound=ca.SX(0.5))  # type: ignore[arg-type]
-    far = _parameters(*kick_at_stops(stop, push, ca.SX(0.0), ca.SX(2.0), ca.SX(h), h))
-    assert far == pytest.approx([2.0, 2e-3])
+    nothing = {
+        f"drives.0.friction.{key}": {"value": 0.0, "std": 0.0} for key in ("load", "constant")
+    }
+    slack = {f"tendons.{i}.slack": 1.0 for i in (0, 1)}
+    rig = paper_rig.with_values({**STOPS, **nothing, **slack, "drives.0.damping": 0.0})
+    mechanism, h, half = Mechanism(rig), 1e-3, ca.DM([0, 0.5, 0])
+    q, v = (ca.SX.sym(name, 3) for name in ("q", "v"))
+    kick = Kick(q, v, ca.SX.zeros(3), ca.SX(h), ca.SX(h), rebound=ca.SX(half))
+    p = mechanism.parameters
+    function = ca.Function("kick", [q, v, p.symbols], [*kick_and_drift(mechanism, kick)])
+
+    def slider(position: float, speed: float) -> list[float]:
+        after = function([0.0, position, 0.0], [0.0, speed, 0.0], p.values)
+        return [float(part[1]) for part in after]
+
+    assert slider(0.0, 2.0) == pytest.approx([2e-3, 2.0])
     # after 0.5 ms at the stop 1 mm away, it goes back at half its speed for the other half
-    v, x = _parameters(*kick_at_stops(stop, push, ca.SX(2e-3), ca.SX(2.0), ca.SX(h), h))
-    assert (v, x) == pytest.approx((-1.0, 3e-3 - 0.5e-3))
-    v, x = _parameters(
-        *kick_at_stops(
-            stop, Push(-2.0, Limit(0.0, 0.0), 1e-3, 0.0), ca.SX(-1e-3), ca.SX(-2.0), ca.SX(h), h
-        )
-    )
-    assert (v, x) == pytest.approx((1.0, -2e-3 + 0.5e-3))
+    assert slider(2e-3, 2.0) == pytest.approx([3e-3 - 0.5e-3, -1.0])
+    assert slider(-1e-3, -2.0) == pytest.approx([-2e-3 + 0.5e-3, 1.0])

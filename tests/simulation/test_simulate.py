@@ -12,7 +12,7 @@ from distal.errors import ScenarioError
 from distal.model import Mechanism
 from distal.rig import angle_names
 from distal.simulation import build_scenario
-from distal.simulation.plant import ends_of_outputs
+from distal.simulation.plant import output_layout
 from distal.simulation.simulate import Sampler, stamps_of
 
 EXAMPLE = """
@@ -271,7 +271,7 @@ def test_a_position_that_a_servo_follows_late_is_ahead_of_it() -> None:
     exact = {f"sensors.x1.{name}": 0.0 for name in ("linearity", "noise", "resolution")}
     plant = Mechanism(load_rig("template").with_values({**exact, "sensors.x1.lag": 0.1}))
     grid = 0.01 * np.arange(3)
-    y = np.zeros((3, ends_of_outputs(plant)[-1]))
+    y = np.zeros((3, output_layout(plant).size))
     y[:, plant.n_joints] = 0.2 * grid
     y[:, plant.n_bodies + plant.n_joints] = 0.2
     np.testing.assert_allclose(Sampler(plant, 1).read(y, grid, grid)[:, 0], 0.2 * (grid + 0.1))

@@ -179,7 +179,7 @@ def _constants(rig: Rig, module: LabModule, source: str) -> dict[str, Any]:
         ],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
-        "effort": resting_inputs(mechanism).effort[0].tolist(),
+        "effort": resting_inputs(mechanism)[0, : mechanism.n_bodies].tolist(),
         "motion": _motion(rig),
         "positions": _positions(rig, plant),
         "servo": _servo(plant),

@@ -24,7 +24,7 @@ from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Rig, gain_of, step_of, travel_of
 from distal.sensor_models import SENSOR, reading
-from distal.simulation.plant import BodyInputs, at_rest, equilibrium, plant_function
+from distal.simulation.plant import at_rest, equilibrium, input_layout, plant_function
 from distal.simulation.simulate import intervals_of, moment_of
 
 
@@ -50,11 +50,13 @@ class ExportedPlant(Translated):
     count: int
 
 
-def resting_inputs(plant: Mechanism) -> BodyInputs:
+def resting_inputs(plant: Mechanism) -> Floats:
     """Return the inputs of one sample that hold a plant at rest: the nominal forces of drives."""
-    n = plant.n_bodies
+    layout = input_layout(plant)
+    rows = np.zeros((1, layout.size))
     pull = [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
-    return BodyInputs(np.array([pull]), np.zeros((1, n)), np.zeros((1, n, 3)))
+    rows[:, layout["effort"]] = pull
+    return rows
 
 
 def reading_function(plant: Mechanism) -> ca.Function:

@@ -13,6 +13,7 @@ from distal.errors import EstimationError, ExportError
 from distal.export import Exported, c_filter
 from distal.export.c_source import c_command, filled
 from distal.kernels.compiler import CompileError, run_compiler, zig_compiler
+from distal.model import Mechanism
 from distal.rig import Rig
 from tools.lab.plant_source import ExportedPlant, c_plant
 
@@ -97,7 +98,7 @@ def lab_module(rig: Rig, estimator: str | None) -> LabModule:
         filter_,
         (*outputs, "health", *(f"plain_{angle}" for angle in angles)),
         plain is not None,
-        command.joints if command else (),
+        tuple(Mechanism(rig).free) if command else (),
     )
 
 

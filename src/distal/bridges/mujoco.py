@@ -18,8 +18,8 @@ from distal.rig import Rig, as_rig
 from distal.rig.mjcf_bodies import EMBEDDED
 from distal.simulation.plant import (
     hysteretic,
-    inside_function,
     internal_friction,
+    rest_function,
     settled_function,
 )
 from distal.simulation.simulate import intervals_of
@@ -289,7 +289,7 @@ class Tendons:
         self._dt[:] = self._model.opt.timestep
         p = self._mechanism.parameters
         q = data.qpos[self._positions]
-        inside = inside_function(self._mechanism)(q, p.values[: len(p) - len(p.inside)])
+        inside, _ = rest_function(self._mechanism)(q, p.values[: len(p) - len(p.inside)])
         state = self._loop.kernel_state
         state[:] = 0
         state[: len(q)] = q

@@ -26,7 +26,7 @@ from distal.estimators.kinematic import error_of, first_drives, symmetric
 from distal.expressions import Matrix, Vector, dense_function, symbols
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.logs import frozen
-from distal.model import Kick, Mechanism, Moment, kick_and_drift, responses, substeps
+from distal.model import Kick, Mechanism, Moment, damped_inertias, kick_and_drift, substeps
 from distal.rig import Rig, angle_names, speed_names
 from distal.sensor_models import variance
 
@@ -123,10 +123,11 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     n = mechanism.n_bodies
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
     p = mechanism.parameters.symbols
-    of_kick = symbols(ca.SX, q=n, v=n, effort=n, response=(n, 4), length=1, drift=1)
-    kick = Kick(*of_kick)
-    q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
-    inputs = [*of_kick, p]
+    symbolic = symbols(ca.SX, q=n, v=n, effort=n, length=1, drift=1, damped=n)
+    q, v, effort, length, drift, damped = symbolic
+    kick = Kick(q, v, effort, length, drift, damped=damped)
+    q_moved, v_moved = kick_and_drift(mechanism, kick)
+    inputs = [*symbolic, p]
     moving = _step(
         "substep", mechanism, _linearised("kick", mechanism, inputs, v_moved, q_moved), True
     )
@@ -136,22 +137,22 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
         _linearised("half_kick", mechanism, inputs, kick_and_drift(mechanism, kick, last=True)[1]),
         False,
     )
-    step = kick.length, kick.drift
-    prepared = ca.Function("responses", [*step, p], [responses(mechanism, *step, rebounds=False)])
+    added = damped_inertias(mechanism.dampings(), mechanism.inertias(), kick.length)
+    prepared = ca.Function("damped", [kick.length, p], [added])
 
     inputs = symbols(ca.MX, q=n, v=n, effort=n, effort_end=n, dt=1, p=p.numel())
     q, v, effort, effort_end, dt, p = inputs
     h = dt / count
-    half = prepared(h / 2, h, p), h / 2
-    full = prepared(h, h, p), h
+    half = h / 2, h, prepared(h / 2, p)
+    full = h, h, prepared(h, p)
     # transposed: the slopes of one body lie side by side, so that a processor takes several at once
     identity = ca.DM.eye(columns)
     s_q = ca.MX(ca.densify(identity[:, :n]))
     s_v = ca.MX(ca.densify(identity[:, n : 2 * n]))
     for i, step in enumerate([half] + [full] * (count - 1)):
         pull = effort + (i / count) * (effort_end - effort)
-        q, v, s_q, s_v = moving(q, v, s_q, s_v, pull, *step, h, p)
-    v, s_v = closing(q, v, s_q, s_v, effort_end, *half, h, p)
+        q, v, s_q, s_v = moving(q, v, s_q, s_v, pull, *step, p)
+    v, s_v = closing(q, v, s_q, s_v, effort_end, *half, p)
     return ca.Function("tangent_interval", inputs, [q, v, ca.horzcat(s_q, s_v).T])
 
 
@@ -173,7 +174,7 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
     """Return the function of a kick and, where `drifts`, the drift that follows, which also
     propagates the slopes.
 
-    (q, v, S_qᵀ, S_vᵀ, effort, response, length, drift, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
+    (q, v, S_qᵀ, S_vᵀ, effort, length, drift, damped, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
     """
     n = mechanism.n_bodies
     columns = 2 * mechanism.n_bodies + mechanism.n_drives
@@ -185,13 +186,13 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
         s_q=slopes,
         s_v=slopes,
         effort=n,
-        response=(n, 4),
         length=1,
         drift=1,
+        damped=n,
         p=kick.size1_in(6),
     )
-    q, v, s_q, s_v, *acting, drift, p = inputs
-    by_q, by_v, by_effort, v_next, *moved = kick(q, v, *acting, drift, p)
+    q, v, s_q, s_v, effort, length, drift, *more = inputs
+    by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, length, drift, *more)
     # S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort, transposed
     flat = ca.vec(ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(*slopes))))
     rows, bodies = by_effort.sparsity().get_triplet()

@@ -625,18 +625,7 @@ $touched$
 """
 
 
-@dataclass(frozen=True)
-class ExportedCommand(Translated):
-    """The live inverse of a rig as C.
-
-    Args:
-        joints: indices of the joints that have desired angles.
-    """
-
-    joints: tuple[int, ...]
-
-
-def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
+def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> Translated:
     """Return the live inverse of a rig as C99; its results are those of `LiveInverse`.
 
     Args:
@@ -687,11 +676,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         **positions("x", layout.x),
         **positions("y", layout.y),
     }
-    return ExportedCommand(
-        name,
-        filled(_COMMAND_HEADER, values, real),
-        filled(_COMMAND_SOURCE, values, real),
-        tuple(model.free),
+    return Translated(
+        name, filled(_COMMAND_HEADER, values, real), filled(_COMMAND_SOURCE, values, real)
     )
 
 
@@ -889,11 +875,11 @@ def export_c(
             )
         check_scales(rig, "a command in C that keeps tendons taut", "tension")
         texts |= c_command(rig, f"{exported.name}_command", exported.name, exported.real).files
-    files = {f"src/{file}" if arduino else file: text for file, text in texts.items()}
+    names = export_files(exported.name, command, arduino)
+    files = dict(zip(names, [*texts.values(), readme(exported)]))
     if arduino and not (folder / PROPERTIES).is_file():
         values = {"name": exported.name, "short": exported.name[:63], "rig": comment(rig.name)}
         files[PROPERTIES] = filled(_PROPERTIES, values)
-    files["README.md"] = readme(exported)
     check_outputs([folder / file for file in files], makes_folder=True)
     check_ours(folder, files)
     with as_output_error(folder):

@@ -67,7 +67,7 @@ from distal.rig import (
 )
 from distal.rig.components import Servo
 from distal.run.health import LOST
-from distal.simulation.plant import inside_function
+from distal.simulation.plant import rest_function
 from distal.units import rounded, unit_factor
 
 TINY = 1e-9
@@ -539,7 +539,7 @@ class Inverse:
             if model.n_inside:
                 of_rig = self._parameters[: model.n_parameters - len(model.derived)]
                 q = ca.vertcat(model.all_joints(y["angles"]), y["positions"])
-                inside = inside_function(model.mechanism)(q, of_rig)
+                inside, _ = rest_function(model.mechanism)(q, of_rig)
                 kernel_state[layout["inside"]] = inside.full().ravel()
         return advance(self._kernel, Feed(kernel_state, rows, self._parameters))
 

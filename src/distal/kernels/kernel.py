@@ -372,12 +372,6 @@ def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Fun
     return _kept((structure.key,), make)
 
 
-def forget() -> None:
-    """Drop all kernels and functions that this process keeps, so that they are made anew."""
-    with _TURNS:
-        _slot.cache_clear()
-
-
 @lru_cache
 def _slot(key: tuple[object, ...]) -> list[object]:
     """Return the slot of what is kept by a key, empty at first; the cache drops what was not asked

@@ -1,6 +1,5 @@
-"""Exact Coulomb friction: a projection of the velocity, not a smoothed sign; and end stops: springs
-and dampers that only push. A contact is taken implicitly where a body presses against a stop,
-and as a rebound where it hits one.
+"""The limits of Coulomb friction, what friction leaves of an uncertain velocity, and the rebound of
+a body from its end stops: springs and dampers that only push.
 
 F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0:
 equation (14), reconstructed. Its max and min are a correction: a stop only pushes, and as written
@@ -45,44 +44,6 @@ class Limit:
         return Limit(factor * self.up, factor * self.down)
 
 
-def _limit(limit: Limit | Scalar) -> Limit:
-    """Return a limit that may be the same in both directions."""
-    return limit if isinstance(limit, Limit) else Limit(limit, limit)
-
-
-def soft(z: Scalar, limit: Limit | Scalar) -> Scalar:
-    """Return max(z − l₊, 0) + min(z + l₋, 0): the velocity that friction leaves, zero in stick.
-
-    It is the exact solution v of z ∈ v + l · sgn(v) with the set-valued sgn(0) = [−1, 1]; its
-    derivative is 0 in stick and 1 in slip. A body in stick does not creep, whatever the step. The
-    velocity without friction is z. The `limit` l = b · μN ≥ 0 is a friction limit as a velocity, a
-    `Limit` where it depends on the direction.
-    """
-    return slipped(*slip(z, limit), z, limit)
-
-
-def slip(z: Scalar, limit: Limit | Scalar, factor: Scalar = 1) -> tuple[Scalar, Scalar]:
-    """Return (f, b) for `slipped`: f is `factor` where a velocity z slips to +, b where it slips to
-    −; otherwise they are 0. The `limit` is that of `soft`.
-    """
-    limit = _limit(limit)
-    # where the limit is 0 (no friction, or no time passes) z = 0 counts as slip: nothing holds the
-    # body
-    return (z >= limit.up) * factor, (z < -limit.down) * factor
-
-
-def slipped(forward: Scalar, back: Scalar, z: Scalar, limit: Limit | Scalar) -> Scalar:
-    """Return (f + b) z − f l₊ + b l₋: `soft` written as products, whose derivatives need no choice
-    and no division.
-
-    The factors `forward` f and `back` b are those of `slip`; z and the `limit` are those of `soft`.
-    """
-    limit = _limit(limit)
-    if ca.is_equal(ca.SX(limit.up), ca.SX(limit.down), 3):
-        return (forward + back) * z - (forward - back) * limit.up
-    return (forward + back) * z - forward * limit.up + back * limit.down
-
-
 def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limit:
     """Return the friction limits of a tendon along its path, by the capstan equation T_drive = T
     e^{±μβ} (Euler, Eytelwein).
@@ -107,26 +68,10 @@ def stribeck(speed: Scalar, excess: Scalar, characteristic: Scalar) -> Scalar:
     return 1 + excess * ca.exp(-((speed / characteristic) ** 2))
 
 
-def free_response(damping: Scalar, inertia: Scalar, step: Scalar) -> tuple[Scalar, Scalar]:
-    """Return (a, b) of v⁺ = a v + b F, the exact response of a body over a `step` h [s] to a
-    constant force F, with viscous `damping` c.
-
-    a = exp(−c h/m), b = (1 − a)/c, and b = h/m as c → 0; the `inertia` m is a mass or a moment of
-    inertia.
-    """
-    if isinstance(damping, ca.SX) and damping.is_zero():
-        return ca.SX(1), step / inertia
-    x = damping * step / inertia
-    small = x < 1e-5
-    # (1 − e^{−x})/x; below 1e-5 its series, exact to 1e-16, keeps value and derivative finite at x
-    # = 0
-    ratio = ca.if_else(small, 1 - x / 2 + x * x / 6, -ca.expm1(-x) / ca.if_else(small, 1, x))
-    return ca.exp(-x), step / inertia * ratio
-
-
 @dataclass(frozen=True)
 class SoftMoments:
-    """Moments of soft(z, l) for a normal z with std σ.
+    """Moments of soft(z, l) = max(z − l₊, 0) + min(z + l₋, 0), the velocity that friction leaves,
+    for a normal z with std σ. It is zero in stick; its derivative is 0 in stick and 1 in slip.
 
     Args:
         mean: E[soft(z, l)].
@@ -197,18 +142,17 @@ class ClipMoments:
     rest: Scalar
 
 
-def soft_moments(z: Scalar, limit: Limit | Scalar, std: Scalar) -> SoftMoments:
+def soft_moments(z: Scalar, limit: Limit, std: Scalar) -> SoftMoments:
     """Return mean, slope and remaining variance of soft(z, l) for a normal z with mean `z` and
     `std` s > 0.
 
     With u = (z − l₊)/s and w = (z + l₋)/s they are E = (z − l₊)Φ(u) + sφ(u) + (z + l₋)Φ(−w) − sφ(w)
     and the slope Φ(u) + Φ(−w). Filters use them because a body in stick may slip where its force is
-    uncertain, while the linearisation of `soft` says that it cannot. The simulation never smooths
-    friction. The `limit` is that of `soft`.
+    uncertain, while the linearisation of soft says that it cannot. The simulation never smooths
+    friction. The `limit` l is a friction limit as a velocity.
     """
-    limits = _limit(limit)
     # soft(z, l) = z − clip(z, −l₋, l₊)
-    held = clip_moments(-limits.down - z, limits.up - z, ca.SX(0), std)
+    held = clip_moments(-limit.down - z, limit.up - z, ca.SX(0), std)
     return SoftMoments(-held.mean, held.by_low + held.by_high, held.rest, held.by_high, held.by_low)
 
 
@@ -229,28 +173,6 @@ def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
 
 
 @dataclass(frozen=True)
-class Push:
-    """The effect of a kick on a body, before friction and stops.
-
-    Args:
-        z: velocity after the other forces.
-        limit: friction limit as a velocity, l = b · μN.
-        b: response of the velocity to a constant force over the kick.
-        implicit: damping coefficient D that is taken implicitly.
-    """
-
-    z: Scalar
-    limit: Limit
-    b: Scalar
-    implicit: Scalar
-
-    @property
-    def free(self) -> Scalar:
-        """The velocity of the body without stops, soft(z, l)/(1 + b D)."""
-        return soft(self.z, self.limit) / (1 + self.b * self.implicit)
-
-
-@dataclass(frozen=True)
 class Flight:
     """A kick of a body and the drift that follows, without stops.
 
@@ -267,121 +189,6 @@ class Flight:
     before: Scalar
     length: Scalar
     drift: Scalar
-
-
-@dataclass(frozen=True)
-class Stop:
-    """The stops of one body, and how a time step takes a contact with them.
-
-    A contact that the step resolves (k_s h²/m ≤ 1) is a spring taken at the middle of the drift
-    (implicitness ½, no numerical damping) and needs no rebound. One that it does not resolve is a
-    rigid rebound with the coefficient of restitution when hit, and fully implicit when pressed.
-
-    Args:
-        low: lower end, x_L.
-        high: upper end, x_H.
-        stiffness: k_s.
-        damping: b_s.
-        rebound: coefficient of restitution e, 0 for none.
-        implicitness: share α of the coming drift at which the spring is taken.
-    """
-
-    low: Scalar
-    high: Scalar
-    stiffness: Scalar
-    damping: Scalar
-    rebound: Scalar
-    implicitness: Scalar
-
-    def pressed(
-        self,
-        push: Push,
-        position: Scalar,
-        stop_position: Scalar,
-        drift: Scalar,
-        contact: Scalar = True,
-    ) -> Scalar:
-        """Return the velocity of a body that presses against a stop, exact with friction, implicit
-        in the spring.
-
-        It is the solution v of (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). It
-        grows with z, so that a stop that was found by looking at the velocity without it can only
-        push. Without contact it is v = soft(z, l)/(1 + b D). Both have the form of `slipped` less c
-        (x − x_stop). The choice is made between their factors, so that derivatives need no choice
-        of their own.
-
-        Args:
-            push: the kick, before friction and stops.
-            position: x at the start of the drift.
-            stop_position: the stop, x_L or x_H.
-            drift: length h of the drift [s].
-            contact: whether the body is pressed against the stop.
-        """
-        z = push.z
-        limit = push.limit
-        b = push.b
-        implicit = push.implicit
-        inside = position - stop_position
-        held = 1 / (1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping))
-        forward, back = slip(z - b * self.stiffness * inside, limit, held)
-        spring = (forward + back) * (b * self.stiffness)
-        if contact is not True:
-            loose = slip(z, limit, 1 / (1 + b * implicit))
-            forward = ca.if_else(contact, forward, loose[0])
-            back = ca.if_else(contact, back, loose[1])
-            spring = ca.if_else(contact, spring, 0)
-        return slipped(forward, back, z, limit) - spring * inside
-
-
-def kick_at_stops(
-    stop: Stop, push: Push, position: Scalar, before: Scalar, length: Scalar, drift: Scalar
-) -> tuple[Scalar, Scalar]:
-    """Return (v⁺, x⁺) of a body with stops after a kick and a drift.
-
-    Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body
-    is pressed against it (`Stop.pressed`). Where it flies in and the rebound leads it away again,
-    it bounces instead (`bounce`).
-
-    Args:
-        push: the kick, before friction and stops.
-        position: x at the start of the drift.
-        before: velocity before the kick.
-        length: of the kick [s].
-        drift: length of the drift, h [s].
-    """
-    free = push.free
-    end = position + drift * free
-    at_high, at_low = met(end, free, stop.stiffness, stop.damping, stop.low, stop.high)
-    contact = ca.logic_or(at_high, at_low)
-    stop_position = ca.if_else(at_high, stop.high, stop.low)
-    velocity = stop.pressed(push, position, stop_position, drift, contact)
-    final = position + drift * velocity
-    if isinstance(stop.rebound, (int, float)):
-        return velocity, final
-    bounces, after, bounced = bounce(
-        stop.rebound, at_high, stop_position, Flight(free, position, before, length, drift)
-    )
-    bounces = ca.logic_and(bounces, contact)
-    return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
-
-
-def met(
-    end: Scalar, velocity: Scalar, stiffness: Scalar, damping: Scalar, low: Scalar, high: Scalar
-) -> tuple[Scalar, Scalar]:
-    """Return whether the high and the low stop of a body push on it.
-
-    Args:
-        end: where it drifts to [rad, m].
-        velocity: of the drift.
-        stiffness: of the stops, as `Mechanism.stop` gives this and the rest.
-        damping: of the stops.
-        low: lower end of its range.
-        high: upper end.
-    """
-    return (
-        ca.logic_and(end > high, stiffness * (end - high) + damping * velocity > 0),
-        ca.logic_and(end < low, stiffness * (end - low) + damping * velocity < 0),
-    )
 
 
 def bounce(
@@ -414,15 +221,3 @@ def bounce(
     away = -rebound * speed
     bounced = stop_position + towards * (away * left + acceleration * left * left / 2)
     return flies, towards * (away + acceleration * (left - drift / 2)), bounced
-
-
-def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -> Scalar:
-    """Return v⁺ of the last half kick, after which no drift follows, of a body at a `position`.
-    Where this is inside a stop, the stop's spring is taken over the `drift` before the kick [s].
-    """
-    free = push.free
-    inside = ca.if_else(position > stop.high, stop.high, stop.low)
-    pressed = stop.pressed(push, position, inside, drift)
-    pushes = ca.if_else(position > stop.high, pressed < free, pressed > free)
-    contact = ca.logic_and(ca.logic_or(position > stop.high, position < stop.low), pushes)
-    return stop.pressed(push, position, inside, drift, contact)

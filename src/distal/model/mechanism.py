@@ -12,13 +12,18 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
 from distal.model.friction import Limit, capstan_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
-from distal.model.tendon_tensions import Tendons, extension_torque
+from distal.model.tendon_tensions import Tendons
 from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
 
 SMALLEST_CHAIN = 2
 """Number of joints from which on joints with links are a chain, in which they move one another. The
 link of one joint alone is a constant inertia and a weight. Source: physics (one joint has no other
 that it could move).
+"""
+
+SHORTEST_SPRING = 1e-6
+"""Least length of an extension spring [m]; at length zero it has no direction. Source: rounding (a
+division by zero).
 """
 
 GRAVITY = 9.80665
@@ -116,7 +121,12 @@ class Mechanism(Tendons):
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
         """Return the torque [N m] of a joint's return springs: −(k x + k₂ x² + k₃ x³) with x = θ −
-        rest angle, and that of `extension_torque`.
+        rest angle, and that of its extension spring.
+
+        This is a spring between two points, r from the axis on the link and R from it on the base.
+        Its length is L² = r² + R² − 2 r R cos x with x = θ − line angle, its torque −F dL/dθ with
+        dL/dθ = r R sin x/L. F = max(preload + k (L − free length), 0): its coils open at the free
+        length with the force `preload`.
         """
         p = self.parameters
         path = f"joints.{index}"
@@ -129,11 +139,15 @@ class Mechanism(Tendons):
             torque += -away * (linear + away * (quadratic + away * cubic))
         if joint.extension_spring is not None:
             spring = f"{path}.extension_spring"
-            parts = [
-                p[f"{spring}.{name}"]
-                for name in ("stiffness", "free_length", "radius", "distance", "preload")
-            ]
-            torque += extension_torque(q[index] - p[f"{spring}.line_angle"], *parts)
+            radius, distance, angle = (
+                p[f"{spring}.{name}"] for name in ("radius", "distance", "line_angle")
+            )
+            away = q[index] - angle
+            square = radius**2 + distance**2 - 2 * radius * distance * ca.cos(away)
+            length = ca.sqrt(ca.fmax(square, SHORTEST_SPRING**2))
+            stretch = p[f"{spring}.stiffness"] * (length - p[f"{spring}.free_length"])
+            force = ca.fmax(p[f"{spring}.preload"] + stretch, 0)
+            torque += -force * radius * distance * ca.sin(away) / length
         return torque
 
     def _passive_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
@@ -161,7 +175,7 @@ class Mechanism(Tendons):
         limits = []
         p = self.parameters
         for i, body in enumerate(self.bodies):
-            if body.is_joint:
+            if i < self.n_joints:
                 limit = self._joint_friction(i, tensions)
             else:
                 limit = self._drive_friction(i, tensions if at_drives is None else at_drives)

@@ -2,14 +2,15 @@
 interval between samples is repeated calls of one function for a sub-step, whose code is there
 once.
 
-Joints that carry one another get all of their velocities at once. In impulses over a kick of
-length h the equations are A v⁺ + h f = r with A = M(q) + h (D̃ + D) and r = (M + h D̃ − h C) v + h
-(F − c − g), f being friction. The Coriolis torques c are those in the middle of the kick. C holds
-the joints' viscous dampings. D̃_j = (M_jj/h)(φ(x) − 1) with φ(x) = x/(1 − e^{−x}) and x = C_j
-h/M_jj makes the response of a joint alone the exact one of `free_response`. D is damping that is
-taken implicitly. Where a kick is long compared with the joints' own oscillation, the tendons'
-stiffness K is taken implicitly too, A += h² K, and the joints come to rest within the kick
-(linearly implicit Euler; Hairer and Wanner, Solving Ordinary Differential Equations II, 1996,
+Joints that carry one another get all of their velocities at once; those of other bodies follow from
+the same equations. In impulses over a kick of length h these are A v⁺ + h f = r with A = M(q) + h
+(D̃ + D) and r = (M + h D̃ − h C) v + h (F − c − g), f being friction. It is the set-valued force of
+Coulomb: a body in stick does not creep, whatever the step. The Coriolis torques c are those in the
+middle of the kick. C holds the viscous dampings. D̃_j = (M_jj/h)(φ(x) − 1) with φ(x) = x/(1 −
+e^{−x}) and x = C_j h/M_jj makes the response of a body alone to a constant force the exact one. D
+is damping that is taken implicitly. Where a kick is long compared with the joints' own oscillation,
+the tendons' stiffness K is taken implicitly too, A += h² K, and the joints come to rest within the
+kick (linearly implicit Euler; Hairer and Wanner, Solving Ordinary Differential Equations II, 1996,
 section IV.7).
 """
 
@@ -26,18 +27,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.expressions import Matrix, Scalar, Vector, symbols
 from distal.model.chain import Slip, slipping, solver
-from distal.model.friction import (
-    Flight,
-    Limit,
-    Push,
-    Stop,
-    bounce,
-    free_response,
-    kick_at_stops,
-    met,
-    restitution,
-    velocity_in_stops,
-)
+from distal.model.friction import Flight, Limit, bounce, restitution
 from distal.model.mechanism import Mechanism
 
 SHORTEST_KICK = 1e-15
@@ -48,15 +38,15 @@ division by zero).
 
 @dataclass(frozen=True)
 class Loads:
-    """The forces on the joints of a chain in one kick, (n_joints,) each if no other shape is said.
+    """The forces on some bodies in one kick, (n,) each if no other shape is said.
 
     Args:
-        force: F, all torques but inertia, damping, friction and stops [N m].
-        implicit: D, damping that is taken implicitly [N m s/rad].
-        up: friction limits against + motion [N m].
-        down: friction limits against − motion [N m].
-        stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N
-            m/rad]; None for none.
+        force: F, all forces but inertia, damping, friction and stops [N m, N].
+        implicit: D, damping that is taken implicitly [N m s/rad, kg/s].
+        up: friction limits against + motion [N m, N].
+        down: friction limits against − motion [N m, N].
+        stiffness: K of the taut tendons and springs, taken implicitly, (n, n) [N m/rad]; None for
+            none.
     """
 
     force: Vector
@@ -68,12 +58,12 @@ class Loads:
 
 @dataclass(frozen=True)
 class Contacts:
-    """The contacts of free joints with stops: each joint gets the impulse −κ (q − position) − δ v⁺.
+    """The contacts of free bodies with stops: each gets the impulse −κ (q − position) − δ v⁺.
 
     Args:
         stiffness: κ, (n_free,), 0 without contact.
         damping: δ, (n_free,), 0 without contact.
-        position: of the stop, (n_free,) [rad].
+        position: of the stop, (n_free,) [rad, m].
     """
 
     stiffness: Vector
@@ -83,18 +73,18 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Kicked:
-    """A chain after a kick and the drift that follows.
+    """All joints, or all drives, after a kick and the drift that follows.
 
     Args:
-        q: angles of all joints, (n_joints,) [rad].
-        v: their speeds, (n_joints,) [rad/s].
-        slip: which free joints slip.
-        contacts: which free joints press against a stop.
+        q: their coordinates, (n,) [rad, m].
+        v: their velocities, (n,).
+        slip: which free ones slip.
+        contacts: which free ones press against a stop.
         matrix: A with the stops in it, (n_free, n_free).
         load: r with the stops in it, (n_free,).
         up: friction impulses against + motion, (n_free,).
         down: friction impulses against − motion, (n_free,).
-        damped: `damped_inertias`, (n_joints,).
+        damped: `damped_inertias`, (n,).
     """
 
     q: Vector
@@ -117,11 +107,11 @@ def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
     return ca.if_else(small, 1 + x / 2 + x * x / 12, -x / ca.if_else(small, 1, ca.expm1(-x)))
 
 
-def damped_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
-    """Return M_jj (φ − 1), what viscous damping adds to the `inertias` M_jj of the joints over a
-    kick of a `length` [s], (n_joints,) [kg m²].
+def damped_inertias(dampings: Vector, inertias: Vector, length: Scalar) -> Vector:
+    """Return M_jj (φ − 1), what the viscous `dampings` C_j, (n,), add to the `inertias` M_jj, (n,),
+    over a kick of a `length` [s], (n,) [kg m², kg].
     """
-    pairs = zip(ca.vertsplit(mechanism.dampings()[: mechanism.n_joints]), ca.vertsplit(inertias))
+    pairs = zip(ca.vertsplit(dampings), ca.vertsplit(inertias))
     return ca.vertcat(
         *(inertia * (_growth(damping, inertia, length) - 1) for damping, inertia in pairs)
     )
@@ -159,13 +149,14 @@ def residual(
     if mechanism.chain is not None:
         needed = passed * mechanism.chain.torques(q, v, change / passed) + needed
     needed += damped * change + h * mechanism.dampings()[:nj] * v
-    needed += h * (loads.implicit * speeds - loads.force)
+    needed += h * (loads.implicit[:nj] * speeds - loads.force[:nj])
     if loads.stiffness is not None:
         needed += h * h * ca.mtimes(loads.stiffness, speeds)
     share = ca.fabs(spread).T
     free = mechanism.free
     needed = ca.mtimes(spread.T, needed)
-    needed += h * slip.friction(ca.mtimes(share, loads.up), ca.mtimes(share, loads.down))
+    up, down = (ca.mtimes(share, limits[:nj]) for limits in (loads.up, loads.down))
+    needed += h * slip.friction(up, down)
     return needed + contacts.stiffness * (q[free] - contacts.position) + contacts.damping * after
 
 
@@ -182,56 +173,74 @@ def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -
 
 
 def _contacts(
-    mechanism: Mechanism, kick: Kick, v: Vector, inertias: Vector, last: bool
+    mechanism: Mechanism, kick: Kick, free: Sequence[int], v: Vector, inertias: Vector, last: bool
 ) -> Contacts:
-    """Return which free joints press against a stop, judged by their velocities v without it; see
-    `kick_at_stops` and `kicked_chain`.
+    """Return which `free` bodies press against a stop, judged by their velocities v without it.
+
+    That are those which drift into a stop and would be pushed back there, or, in the `last` kick,
+    those which are inside one. A contact that the step resolves (k_s h²/m ≤ 1) is a spring taken at
+    the middle of the drift, without numerical damping. One that it does not resolve is fully
+    implicit.
     """
-    length = kick.length
     drift = kick.drift
-    table = ca.SX.zeros(len(mechanism.free), 3)
-    for k, j in enumerate(mechanism.free):
+    table = ca.SX.zeros(len(free), 3)
+    for k, j in enumerate(free):
         if not mechanism.bodies[j].has_stops:
             continue
         stiffness, damping, low, high = mechanism.stop(j)
         end = kick.q[j] if last else kick.q[j] + drift * v[k]
-        at_high, at_low = (end > high, end < low) if last else met(end, v[k], *mechanism.stop(j))
-        touching = ca.logic_or(at_high, at_low)
+        at_high = end > high
+        at_low = end < low
+        if not last:
+            at_high = ca.logic_and(at_high, stiffness * (end - high) + damping * v[k] > 0)
+            at_low = ca.logic_and(at_low, stiffness * (end - low) + damping * v[k] < 0)
+        touching = ca.logic_or(at_high, at_low) * kick.length
         share = ca.if_else(stiffness * drift * drift / inertias[k] <= 1, 0.5, 1)
-        implicit = touching * length * (share * stiffness * drift + damping)
-        position = ca.if_else(at_high, high, low)
-        table[k, :] = ca.horzcat(touching * length * stiffness, implicit, position)
+        implicit = touching * (share * stiffness * drift + damping)
+        table[k, :] = ca.horzcat(touching * stiffness, implicit, ca.if_else(at_high, high, low))
     return Contacts(*ca.horzsplit(table))
+
+
+def restitutions(mechanism: Mechanism, inertias: Vector, drift: Scalar) -> Vector:
+    """Return the coefficients of restitution of the first n bodies, (n,): zero without stops, and
+    where a step with this `drift` [s] resolves the contact, which then needs no rebound. The
+    `inertias` are (n,).
+    """
+    each = []
+    for i, inertia in enumerate(ca.vertsplit(inertias)):
+        rebound = ca.SX(0)
+        if mechanism.bodies[i].has_stops:
+            stiffness, damping, _, _ = mechanism.stop(i)
+            unresolved = stiffness * drift * drift / inertia > 1
+            rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertia), 0)
+        each.append(rebound)
+    return ca.vertcat(*each)
 
 
 def _bounced(
     mechanism: Mechanism,
     kick: Kick,
-    before: Vector,
+    free: Sequence[int],
+    rebound: Vector,
     alone: Vector,
-    inertias: Vector,
     pressed: Kicked,
 ) -> Kicked:
-    """Return the free joints after some have bounced off their stops; the speeds of the other
-    joints answer to these blows.
+    """Return the `free` bodies after some have bounced off their stops; the velocities of the other
+    ones answer to these blows.
 
     Args:
-        before: speeds before the kick.
-        alone: speeds after it without stops.
-        pressed: the free joints where none bounces.
+        rebound: coefficients of restitution, (n_free,).
+        alone: velocities after the kick without stops.
+        pressed: the free bodies where none bounces.
     """
-    drift = kick.drift
     contacts = pressed.contacts
-    table = ca.SX.zeros(len(mechanism.free), 3)
-    for k, j in enumerate(mechanism.free):
+    table = ca.SX.zeros(len(free), 3)
+    for k, j in enumerate(free):
         if not mechanism.bodies[j].has_stops:
             continue
-        stiffness, damping, _, high = mechanism.stop(j)
-        unresolved = stiffness * drift * drift / inertias[k] > 1
-        rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
         end = contacts.position[k]
-        flight = Flight(alone[k], kick.q[j], before[k], kick.length, drift)
-        flies, after, position = bounce(rebound, end == high, end, flight)
+        flight = Flight(alone[k], kick.q[j], kick.v[j], kick.length, kick.drift)
+        flies, after, position = bounce(rebound[k], end == mechanism.stop(j)[3], end, flight)
         table[k, :] = ca.horzcat(ca.logic_and(contacts.damping[k] > 0, flies), after, position)
     bouncing, speeds, positions = ca.horzsplit(table)
     imposed = bouncing * speeds
@@ -239,7 +248,7 @@ def _bounced(
     moving = solver(pressed.matrix, pressed.slip.moving * (1 - bouncing))
     answered = imposed + moving(impulse - ca.mtimes(pressed.matrix, imposed))
     v = ca.if_else(ca.sum1(bouncing) > 0, answered, pressed.v)
-    flown = kick.q[mechanism.free] + drift * v
+    flown = kick.q[free] + kick.drift * v
     return replace(pressed, q=ca.if_else(bouncing, positions, flown), v=v)
 
 
@@ -254,38 +263,6 @@ Source: judgement.
 """
 
 
-def responses(
-    mechanism: Mechanism,
-    length: Scalar,
-    drift: Scalar,
-    added_inertia: Vector | None = None,
-    rebounds: bool = True,
-) -> Matrix:
-    """Return the numbers of each body's kick that depend on the step alone, (n_bodies, 4): a and b
-    (see `free_response`), coefficient of restitution, implicitness (see `Stop`).
-
-    The kick has a `length`, the drift that follows is `drift` long [s]. Hung weights, which move
-    with the bodies, have an `added_inertia`, (n_bodies,). Where no body `rebounds`, the third
-    column is zero.
-    """
-    inertias = mechanism.inertias()
-    dampings = mechanism.dampings()
-    rows = []
-    for i, body in enumerate(mechanism.bodies):
-        inertia = inertias[i] if added_inertia is None else inertias[i] + added_inertia[i]
-        a, b = free_response(dampings[i], inertia, length)
-        rebound = ca.SX(0)
-        implicitness = ca.SX(0)
-        if body.has_stops:
-            k_s, b_s, _, _ = mechanism.stop(i)
-            resolved = k_s * drift * drift / inertia <= 1
-            if rebounds:
-                rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia))
-            implicitness = ca.if_else(resolved, 0.5, 1)
-        rows.append(ca.horzcat(a, b, rebound, implicitness))
-    return ca.vertcat(*rows)
-
-
 @dataclass(frozen=True)
 class Kick:
     """The symbols of one kick, all SX.
@@ -294,69 +271,53 @@ class Kick:
         q: coordinates, (n_bodies,) [rad, m].
         v: their velocities, (n_bodies,).
         effort: force or torque on each body, (n_bodies,).
-        response: see `responses`, (n_bodies, 4).
         length: of the kick [s].
         drift: length of the drift that follows, or, in the last kick, of the drift before it [s].
         implicit: (force F, damping D) of each body, (n_bodies, 2): F − D v⁺ is taken implicitly;
             None for none.
-        damped: `damped_inertias` of the joints where they are the same in all kicks, (n_joints,);
-            None where they follow from q.
+        damped: `damped_inertias` of the joints, or of all bodies, where they are the same in all
+            kicks; those of a chain follow from q.
+        rebound: `restitutions` of all bodies, (n_bodies,); None where none bounces off a stop whose
+            contact the step does not resolve. A filter that linearises takes bodies as pressed
+            instead, since the slope of a bounce is of no use to it.
+        added_inertia: of hung weights, which move with the bodies, (n_bodies,); None for none.
     """
 
     q: Vector
     v: Vector
     effort: Vector
-    response: Matrix
     length: Scalar
     drift: Scalar
     implicit: Matrix | None = None
     damped: Vector | None = None
+    rebound: Vector | None = None
+    added_inertia: Vector | None = None
 
 
-def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limit]]:
-    """Return force, implicit damping and friction limits of all bodies.
+def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
+    """Return the forces on all bodies in a kick.
 
     The damping that tendons give to a body's own velocity is taken implicitly, so that stiff
-    damping needs no small step.
+    damping needs no small step. Where it `settles`, the joints come to rest within the kick: the
+    drives are taken where they are at its end, stiffness is implicit, and only the forces on joints
+    are returned.
     """
+    if settles:
+        nj = mechanism.n_joints
+        ahead = ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:])
+        return _settling(mechanism, ahead, kick.effort[:nj])
     pulls = mechanism.pulls(kick.q, kick.v)
     damping = mechanism.tendon_damping(kick.q, pulls.joint)
     force = pulls.forces + mechanism.passive_forces(kick.q) + kick.effort + damping * kick.v
     if kick.implicit is not None:
         force = force + kick.implicit[:, 0]
         damping = damping + kick.implicit[:, 1]
-    return force, damping, mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)
-
-
-def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vector]:
-    """Return (z, friction limits, implicit damping) of all bodies in a kick. The velocity before
-    friction and stops is z = a v + b F; the limits are multiplied by b, as velocities.
-    """
-    force, damping, limits = _forces(mechanism, kick)
-    a = kick.response[:, 0]
-    b = kick.response[:, 1]
-    return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
-
-
-def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
-    """Return the forces on the joints of a chain in a kick.
-
-    Where it `settles`, the joints come to rest within the kick: the drives are taken where they are
-    at its end, and stiffness is implicit.
-    """
-    nj = mechanism.n_joints
-    if settles:
-        return _settling(
-            mechanism,
-            ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:]),
-            kick.effort[:nj],
-        )
-    force, damping, limits = _forces(mechanism, kick)
-    return Loads(force[:nj], damping[:nj], *_sides(limits[:nj]))
+    limits = mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)
+    return Loads(force, damping, *_sides(limits))
 
 
 def _sides(limits: Sequence[Limit]) -> tuple[Vector, Vector]:
-    """Return friction limits against + and against − motion, (n_joints,) each."""
+    """Return friction limits against + and against − motion, (n,) each."""
     return ca.vertcat(*(limit.up for limit in limits)), ca.vertcat(
         *(limit.down for limit in limits)
     )
@@ -381,56 +342,66 @@ def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
     return Loads(force + effort, ca.SX(nj, 1), up, down, stiffness)
 
 
-def kicked_chain(
+def kicked(
     mechanism: Mechanism,
     kick: Kick,
-    rebounds: bool = True,
+    loads: Loads,
+    *,
+    drives: bool = False,
     last: bool = False,
     settles: bool = False,
 ) -> Kicked:
-    """Return the joints of a chain after a kick and the drift that follows.
+    """Return the joints, or the `drives`, after a kick and the drift that follows.
 
     Args:
-        rebounds: whether joints bounce off stops whose contact the step does not resolve.
-        last: whether no drift follows, the `drift` of the kick being that before it; a joint then
+        loads: `loads_of` the kick.
+        last: whether no drift follows, the `drift` of the kick being that before it; a body then
             presses against a stop where it is inside it.
         settles: see `loads_of`; joints that settle begin at rest.
     """
     nj = mechanism.n_joints
-    spread = mechanism.spread
-    free = mechanism.free
+    first, end = (nj, mechanism.n_bodies) if drives else (0, nj)
+    bodies = slice(first, end)
+    free = [*range(first, end)] if drives else mechanism.free
+    spread = ca.DM.eye(mechanism.n_drives) if drives else mechanism.spread
+    chain = None if drives else mechanism.chain
     length = kick.length
-    q = kick.q[:nj]
-    v = ca.SX.zeros(nj) if settles else kick.v[:nj]
-    loads = loads_of(mechanism, kick, settles)
-    matrix = mechanism.mass_matrix(q)
+    q = kick.q[bodies]
+    v = ca.SX.zeros(nj) if settles else kick.v[bodies]
+    matrix = ca.diag(mechanism.inertias()[bodies]) if drives else mechanism.mass_matrix(q)
+    if kick.added_inertia is not None:
+        matrix += ca.diag(kick.added_inertia[bodies])
     inertias = ca.diag(matrix)
-    dampings = mechanism.dampings()[:nj]
-    added = damped_inertias(mechanism, inertias, length) if kick.damped is None else kick.damped
+    dampings = mechanism.dampings()[bodies]
+    if kick.damped is None or chain is not None:
+        added = damped_inertias(dampings, inertias, length)
+    else:
+        added = kick.damped[bodies]
     matrix += ca.diag(added)
-    load = ca.mtimes(matrix, v) + length * (loads.force - dampings * v)
-    matrix += ca.diag(length * loads.implicit)
+    load = ca.mtimes(matrix, v) + length * (loads.force[bodies] - dampings * v)
+    matrix += ca.diag(length * loads.implicit[bodies])
     if loads.stiffness is not None:
         matrix += length * length * loads.stiffness
     share = ca.fabs(spread).T
-    up = length * ca.mtimes(share, loads.up)
-    down = length * ca.mtimes(share, loads.down)
+    up = length * ca.mtimes(share, loads.up[bodies])
+    down = length * ca.mtimes(share, loads.down[bodies])
     matrix = ca.mtimes([spread.T, matrix, spread])
     load = ca.mtimes(spread.T, load)
-    if mechanism.chain is not None:
-        torques = mechanism.chain.torques
-        bias = ca.mtimes(spread.T, torques(q, v, ca.SX(nj, 1)))
+    rebound = kick.rebound
+    if chain is not None:
+        bias = ca.mtimes(spread.T, chain.torques(q, v, ca.SX(nj, 1)))
         middle = _middle(matrix, load - length * bias, v[free], up, down)
-        bias = ca.mtimes(spread.T, torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
+        bias = ca.mtimes(spread.T, chain.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
         load -= length * bias
-    inertias = inertias[free]
+        if rebound is not None:
+            rebound = restitutions(mechanism, inertias, kick.drift)
+    at = kick.q[free]
 
     slip = slipping(matrix, load, up, down)
     alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
-    at = q[free]
 
     def pressed(contacts: Contacts) -> Kicked:
-        """Return the free joints with the stops in A and r."""
+        """Return the free bodies with the stops in A and r."""
         held = matrix + ca.diag(contacts.damping)
         pressing = load - contacts.stiffness * (at - contacts.position)
         slip = slipping(held, pressing, up, down, start=alone, events=len(free))
@@ -440,7 +411,8 @@ def kicked_chain(
         )
 
     if any(mechanism.bodies[j].has_stops for j in free):
-        contacts = _contacts(mechanism, kick, alone, inertias, last)
+        of_free = inertias[[j - first for j in free]]
+        contacts = _contacts(mechanism, kick, free, alone, of_free, last)
         if last:
             # a stop only pushes: one that would pull lets go
             inside = at - contacts.position
@@ -449,61 +421,26 @@ def kicked_chain(
             contacts = Contacts(
                 contacts.stiffness * pushes, contacts.damping * pushes, contacts.position
             )
-        kicked = pressed(contacts)
-        if rebounds and not last:
-            kicked = _bounced(mechanism, kick, v[free], alone, inertias, kicked)
+        after = pressed(contacts)
+        if rebound is not None and not last:
+            after = _bounced(mechanism, kick, free, rebound[free], alone, after)
     else:
         none = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
         moved = at + kick.drift * alone
-        kicked = Kicked(moved, alone, slip, none, matrix, load, up, down, added)
-    angles = ca.mtimes(spread, kicked.q) + mechanism.offsets
-    return replace(kicked, q=angles, v=ca.mtimes(spread, kicked.v))
+        after = Kicked(moved, alone, slip, none, matrix, load, up, down, added)
+    if drives:
+        return after
+    angles = ca.mtimes(spread, after.q) + mechanism.offsets
+    return replace(after, q=angles, v=ca.mtimes(spread, after.v))
 
 
-def kick_and_drift(
-    mechanism: Mechanism,
-    kick: Kick,
-    rebounds: bool = True,
-    bodies: Sequence[int] | None = None,
-    last: bool = False,
-) -> tuple[Vector, Vector]:
-    """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit),
-    q⁺ = q + h v⁺.
-
-    Args:
-        rebounds: whether bodies bounce off stops whose contact the step does not resolve. A filter
-            that linearises takes them as pressed instead, since the slope of a bounce is of no use
-            to it.
-        bodies: which bodies the kick moves; default all. The others drift with the velocity they
-            have.
-        last: whether it is the half kick that ends an interval, of which v⁺ counts alone. Its
-            `drift` is the one before it.
+def kick_and_drift(mechanism: Mechanism, kick: Kick, last: bool = False) -> tuple[Vector, Vector]:
+    """Return (q⁺, v⁺) of all bodies after one kick and the drift that follows; the `last` half kick
+    ends an interval, of which v⁺ counts alone.
     """
-    z, limits, damping = impulses(mechanism, kick)
-    free = range(mechanism.n_bodies) if bodies is None else bodies
-    q = list[Scalar]()
-    v = list[Scalar]()
-    if mechanism.chain is not None:
-        chain = kicked_chain(mechanism, kick, rebounds, last)
-        q = ca.vertsplit(chain.q)
-        v = ca.vertsplit(chain.v)
-    for i in range(len(q), mechanism.n_bodies):
-        push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
-        velocity = push.free if i in free else kick.v[i]
-        position = kick.q[i] + kick.drift * velocity
-        if i in free and mechanism.bodies[i].has_stops:
-            k_s, b_s, low, high = mechanism.stop(i)
-            rebound = kick.response[i, 2] if rebounds else 0.0
-            stop = Stop(low, high, k_s, b_s, rebound, kick.response[i, 3])
-            if last:
-                velocity = velocity_in_stops(stop, push, kick.q[i], kick.drift)
-            else:
-                velocity, position = kick_at_stops(
-                    stop, push, kick.q[i], kick.v[i], kick.length, kick.drift
-                )
-        q.append(position)
-        v.append(velocity)
-    return ca.vertcat(*q), ca.vertcat(*v)
+    loads = loads_of(mechanism, kick)
+    parts = [kicked(mechanism, kick, loads, drives=drives, last=last) for drives in (False, True)]
+    return ca.vertcat(*(part.q for part in parts)), ca.vertcat(*(part.v for part in parts))
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
@@ -601,9 +538,7 @@ def substeps(mechanism: Mechanism, interval: float) -> int:
     return max(1, ceil(needed))
 
 
-def interval_step(
-    mechanism: Mechanism, count: int, rebounds: bool = True, with_servo: bool = False
-) -> ca.Function:
+def interval_step(mechanism: Mechanism, count: int, rebounds: bool = True) -> ca.Function:
     """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over an interval
     of `count` sub-steps.
 
@@ -616,33 +551,43 @@ def interval_step(
     Args:
         rebounds: whether bodies bounce off stops (simulation) or are pressed against them
             (filters).
-        with_servo: whether a spring and damper to a target may act on the bodies.
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.symbols
-    of_kick = symbols(ca.SX, q=n, v=n, effort=n, response=(n, 4), length=1, drift=1)
-    kick = Kick(*of_kick)
-    servo, added = symbols(ca.SX, servo=(n, 3), added_inertia=n)
-    if with_servo:
-        stiffness, target, damping = ca.horzsplit(servo)
-        implicit = ca.horzcat(stiffness * (target - kick.q), stiffness * kick.drift + damping)
-        kick = replace(kick, implicit=implicit)
-    arguments = [*of_kick, servo, p]
-    moving = ca.Function(
-        "substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds)))
+    q, v, effort, length, drift = symbols(ca.SX, q=n, v=n, effort=n, length=1, drift=1)
+    servo, damped, rebound, added = symbols(
+        ca.SX, servo=(n, 3), damped=n, rebound=n, added_inertia=n
     )
+    stiffness, target, damping = ca.horzsplit(servo)
+    kick = Kick(
+        q,
+        v,
+        effort,
+        length,
+        drift,
+        implicit=ca.horzcat(stiffness * (target - q), stiffness * drift + damping),
+        damped=damped,
+        rebound=rebound if rebounds else None,
+        added_inertia=added,
+    )
+    arguments = [q, v, effort, length, drift, damped, rebound, servo, added, p]
+    moving = ca.Function("substep", arguments, ca.cse([*kick_and_drift(mechanism, kick)]))
     closing = ca.Function(
         "last_kick", arguments, ca.cse([kick_and_drift(mechanism, kick, last=True)[1]])
     )
-    step = kick.length, kick.drift, added
-    prepared = ca.Function("responses", [*step, p], [responses(mechanism, *step)])
+    inertias = mechanism.inertias() + added
+    constants = [
+        damped_inertias(mechanism.dampings(), inertias, length),
+        restitutions(mechanism, inertias, drift),
+    ]
+    prepared = ca.Function("constants", [length, drift, added, p], constants)
 
     inputs = symbols(ca.MX, q=n, v=n, effort=n, added_inertia=n, servo=(n, 3), dt=1, p=p.numel())
     q, v, effort, added, servo, dt, p = inputs
     h = dt / count
-    half = prepared(h / 2, h, added, p), h / 2
-    full = prepared(h, h, added, p), h
-    for response, length in [half] + [full] * (count - 1):
-        q, v = moving(q, v, effort, response, length, h, servo, p)
-    v = closing(q, v, effort, *half, h, servo, p)
+    half = h / 2, h, *prepared(h / 2, h, added, p)
+    full = h, h, *prepared(h, h, added, p)
+    for step in [half] + [full] * (count - 1):
+        q, v = moving(q, v, effort, *step, servo, added, p)
+    v = closing(q, v, effort, *half, servo, added, p)
     return ca.Function("interval", inputs, [q, v])

@@ -46,35 +46,6 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
 
 
-SHORTEST_SPRING = 1e-6
-"""Least length of an extension spring [m]; at length zero it has no direction. Source: rounding (a
-division by zero).
-"""
-
-
-def extension_torque(
-    away: Scalar,
-    stiffness: Scalar,
-    free_length: Scalar,
-    radius: Scalar,
-    distance: Scalar,
-    preload: Scalar,
-) -> Scalar:
-    """Return the torque −F dL/dθ [N m] of a spring between two points, with the length L² = r² + R²
-    − 2 r R cos x and dL/dθ = r R sin x/L.
-
-    F = max(preload + k (L − free length), 0), the force of an extension spring with initial
-    tension: its coils open at `free_length` [m] with the force `preload` [N], and k is its
-    `stiffness` [N/m]. The angle x = θ − line angle [rad] is `away`. The distances from the axis to
-    the points on the link and on the base are `radius` r and `distance` R [m].
-    """
-    length = ca.sqrt(
-        ca.fmax(radius**2 + distance**2 - 2 * radius * distance * ca.cos(away), SHORTEST_SPRING**2)
-    )
-    force = ca.fmax(preload + stiffness * (length - free_length), 0)
-    return -force * radius * distance * ca.sin(away) / length
-
-
 NEWTON_STEPS = 3
 """Number of Newton steps to the position at which tendons balance. Few are enough: their pull is
 made of straight lines, with a bend where one goes slack. Source: rounding (of 20,000 random pairs
@@ -323,7 +294,6 @@ class Body:
 
     path: str
     name: str
-    is_joint: bool
     has_stops: bool
 
 
@@ -393,7 +363,7 @@ class Tendons:
         inside = (*self.plays, *self.strains) if remembers else ()
         self.parameters = Parameters(rig, inputs, inside, derived)
         self.bodies = tuple(
-            Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
+            Body(f"{kind}.{i}", part.name, part.stops is not None)
             for kind, parts in (("joints", rig.joints), ("drives", rig.drives))
             for i, part in enumerate(parts)
         )
@@ -646,8 +616,6 @@ class Tendons:
             ca.vertcat(*(tension(i, force) for i, force in enumerate(forces)))
             for forces in self._end_forces(state.q, state.inside[self._first_point :])
         )
-        if all(self.sheath(i) is None for i in range(self.n_tendons)):
-            return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
         forces = -ca.vertcat(
             ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive)
         )

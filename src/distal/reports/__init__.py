@@ -8,7 +8,6 @@ In: a rig, a study's folder, or the paper's series; out: SVG and pages without s
     print(rig_svg(load_rig("finger-2n"))[:60])
 """
 
-from distal.reports.page import svg_of
 from distal.reports.rig_drawing import draw_rig, rig_svg
 from distal.reports.study_report import study_report
 
@@ -16,5 +15,4 @@ __all__ = [
     "draw_rig",
     "rig_svg",
     "study_report",
-    "svg_of",
 ]

@@ -278,7 +278,7 @@ class Statement:
 @lru_cache(maxsize=1)
 def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `paper_2008_claims.toml`."""
-    described = tomllib.loads(resource("paper_2008_claims.toml", "distal.reports"))
+    described = tomllib.loads(resource("paper_2008_claims.toml"))
     return TypeAdapter(tuple[Statement, ...]).validate_python(described["statements"])
 
 

@@ -5,8 +5,7 @@ one column per body; the equilibrium from which it starts; and its motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from itertools import accumulate
 from math import inf, sqrt
 
@@ -19,6 +18,7 @@ from distal.expressions import Scalar
 from distal.kernels import (
     Feed,
     Kernel,
+    Layout,
     PlacedKernel,
     advance,
     function_of,
@@ -40,12 +40,21 @@ from distal.simulation.scenario import (
 from distal.units import to_si
 
 
-def ends_of_outputs(mechanism: Mechanism) -> list[int]:
-    """Return where the parts of an output y of the plant's kernel begin and end: coordinates and
-    velocities of the bodies, tensions, and pulls on the bodies.
+def input_layout(mechanism: Mechanism) -> Layout:
+    """Return the layout of a sample x of the plant's kernel, an interval: of each body the force or
+    torque, hung weights included [N m, N]; the mass of hung weights [kg]; stiffness, target and
+    damping of a spring and damper to a target; and the interval's length [s].
     """
     n = mechanism.n_bodies
-    return [*accumulate((0, n, n, mechanism.n_tendons, n))]
+    return Layout(effort=n, added_inertia=n, stiffness=n, target=n, damping=n, dt=1)
+
+
+def output_layout(mechanism: Mechanism) -> Layout:
+    """Return the layout of an output y of the plant's kernel: coordinates and velocities of the
+    bodies, tensions, and pulls on the bodies.
+    """
+    n = mechanism.n_bodies
+    return Layout(q=n, v=n, tensions=mechanism.n_tendons, pulls=n)
 
 
 def parts_of_plant(mechanism: Mechanism) -> tuple[Subsystem, ...]:
@@ -64,7 +73,8 @@ def plants_apart(mechanism: Mechanism, parts: tuple[Subsystem, ...], count: int)
     nj = mechanism.n_joints
     rubbing = hysteretic(mechanism)
     parameters = mechanism.parameters
-    _, _, tense, pulling, ny = ends_of_outputs(mechanism)
+    inputs = input_layout(mechanism)
+    outputs = output_layout(mechanism)
     kernels = []
     for part in parts:
         equations = Mechanism(part.rig, part.own_paths(parameters.inputs), remembers=True)
@@ -74,22 +84,23 @@ def plants_apart(mechanism: Mechanism, parts: tuple[Subsystem, ...], count: int)
         bodies = np.concatenate([joints, nj + drives])
         frictions = np.flatnonzero(np.isin(rubbing, drives))
         kernel_state = np.concatenate([bodies, n + bodies, 2 * n + frictions])
-        x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
+        x = np.append(np.add.outer(np.arange(0, inputs.size - 1, n), bodies), inputs.size - 1)
         names = equations.parameters.names
         p = np.array([parameters.index(part.whole_path(name)) for name in names])
-        y = np.concatenate([bodies, n + bodies, tense + tendons, pulling + bodies])
+        tense, pulled = (outputs[name].start for name in ("tensions", "pulls"))
+        y = np.concatenate([bodies, n + bodies, tense + tendons, pulled + bodies])
         kernels.append(PlacedKernel(plant_function(equations, count), kernel_state, x, p, y))
-    return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(parameters), ny))
+    sizes = 2 * n + len(rubbing), inputs.size, len(parameters), outputs.size
+    return side_by_side("plant", kernels, sizes)
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of the plant over one interval
     of `count` sub-steps.
 
-    The kernel state is (q, v, friction inside each drive's transmission, internal state), x is
-    (effort, added inertia, servo, dt), and y is (q, v, tensions, pull on each body). The pull is
-    what a load cell or torque sensor between source and body reads: U = W − (W/g) ẍ for a hung
-    weight.
+    The kernel state is (q, v, friction inside each drive's transmission, internal state), x and y
+    are those of `input_layout` and `output_layout`. The pull is what a load cell or torque sensor
+    between source and body reads: U = W − (W/g) ẍ for a hung weight.
     """
     n = mechanism.n_bodies
     rubbing = hysteretic(mechanism)
@@ -97,19 +108,20 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     parts = parts_of_plant(mechanism)
     if parts:
         return plants_apart(mechanism, parts, count)
-    step = interval_step(mechanism, count, with_servo=True)
+    step = interval_step(mechanism, count)
     q = ca.SX.sym("q", n)
     v = ca.SX.sym("v", n)
     tensions = ca.Function(
         "tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)]
     )
     kernel_state = ca.MX.sym("kernel_state", 2 * n + len(rubbing) + nx)
-    x = ca.MX.sym("x", 5 * n + 1)
+    inputs = input_layout(mechanism)
+    x = ca.MX.sym("x", inputs.size)
     parameters = ca.MX.sym("p", len(mechanism.parameters))
     at, before, frictions, inside = ca.vertsplit(
         kernel_state, [*accumulate((0, n, n, len(rubbing), nx))]
     )
-    effort, added, *springs, dt = ca.vertsplit(x, [*range(0, 5 * n + 1, n), 5 * n + 1])
+    effort, added, *springs, dt = inputs.parts(x).values()
     stiffness, target, damping = springs
     known = parameters[: parameters.numel() - nx]
     p = ca.vertcat(known, inside)
@@ -144,37 +156,30 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
-def inside_function(mechanism: Mechanism) -> ca.Function:
-    """Return the function (q, p) → the internal state of a plant that has long stood at q: plays
-    are in the middle of their bounds, and creep is as settled as the rig says.
+def rest_function(mechanism: Mechanism) -> ca.Function:
+    """Return the function (q, p) → (internal state, elastic forces of the tendons on the bodies) of
+    a plant that has long stood at q: plays are in the middle of their bounds, and creep is as
+    settled as the rig says. The parameters p are those of a mechanism that remembers no internal
+    state.
     """
-    settled = settled_creeps(mechanism)
+    tendons = enumerate(mechanism.rig.tendons)
+    # numbers of such a mechanism, which so belong to its structure
+    settled = tuple((i, t.creep.settled.value) for i, t in tendons if t.creep is not None)
 
     def make() -> ca.Function:
         still = Mechanism(mechanism.rig)
-        at = ca.SX.sym("q", mechanism.n_bodies)
-        pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+        q = ca.SX.sym("q", mechanism.n_bodies)
+        pulls = still.pulls(q, ca.SX.zeros(mechanism.n_bodies))
+        state = still.internal_state(q)
         p = still.parameters
         strains = []
         for i, share in settled:
             stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
             strains.append(share * p[f"tendons.{i}.creep.share"] * stretch)
-        return ca.Function(
-            "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
-        )
+        force = -ca.mtimes(still.length_jacobian(state.q).T, still.elastic_forces(state.q))
+        return ca.Function("standing", [q, p.symbols], [ca.vertcat(*state.inside, *strains), force])
 
-    return function_of(structure_of("inside", mechanism, settled=settled), make)
-
-
-def settled_creeps(mechanism: Mechanism) -> tuple[tuple[int, float], ...]:
-    """Return the tendon of each creep, and how far it has settled at the start. These are numbers
-    of a mechanism that remembers no internal state, and so belong to its structure.
-    """
-    return tuple(
-        (i, tendon.creep.settled.value)
-        for i, tendon in enumerate(mechanism.rig.tendons)
-        if tendon.creep is not None
-    )
+    return function_of(structure_of("standing", mechanism, settled=settled), make)
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -251,24 +256,9 @@ PULLS = {"slider": ("weight", "force", "servo.position"), "capstan": ("torque", 
 """Kind of a drive → what may pull it."""
 
 
-@dataclass(frozen=True)
-class BodyInputs:
-    """What acts on the bodies in each of n intervals.
-
-    Args:
-        effort: force or torque, hung weights included, (n, n_bodies) [N m, N].
-        added_inertia: mass of hung weights, (n, n_bodies) [kg].
-        servo: stiffness, target and damping of a spring and damper to a target, (n, n_bodies, 3).
-    """
-
-    effort: Floats
-    added_inertia: Floats
-    servo: Floats
-
-
-def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyInputs:
-    """Return what a scenario's signals do to the bodies at each `time` [s], (n,), the starts of
-    intervals.
+def plant_inputs(scenario: Scenario, mechanism: Mechanism, dt: float, count: int) -> Floats:
+    """Return what a scenario's signals do to the bodies in each of `count` intervals of length `dt`
+    [s]: samples of the plant's kernel, (count, n_x), see `input_layout`.
 
     Raises:
         ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls a
@@ -277,13 +267,15 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
     rig = mechanism.rig
     check_names(scenario.joints, rig.joint_names, "joints", "joint")
     check_names(scenario.drives, rig.drive_names, "drives", "drive")
-    n = len(time)
-    bodies = mechanism.n_bodies
-    inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
+    time = dt * np.arange(count, dtype=np.float64)
+    layout = input_layout(mechanism)
+    rows = np.zeros((count, layout.size))
+    inputs = layout.views(rows)
+    inputs["dt"][:] = dt
     for i, joint in enumerate(rig.joints):
         load = scenario.joints.get(joint.name, JointInput())
         if load.torque is not None:
-            inputs.effort[:, i] += load.torque.at(time)
+            inputs["effort"][:, i] += load.torque.at(time)
         if load.hand is not None:
             _spring(inputs, i, load.hand, time)
     for i, drive in enumerate(rig.drives, mechanism.n_joints):
@@ -298,21 +290,24 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
                     f"{', '.join(allowed)} are allowed"
                 )
         for signal in filter(None, signals.values()):
-            inputs.effort[:, i] += signal.at(time)
+            inputs["effort"][:, i] += signal.at(time)
         if pull.weight is not None:
-            inputs.added_inertia[:, i] = pull.weight.at(time) / GRAVITY
+            inputs["added_inertia"][:, i] = pull.weight.at(time) / GRAVITY
         if pull.servo is not None:
             _spring(inputs, i, pull.servo, time)
-    return inputs
+    return rows
 
 
 def _spring(
-    inputs: BodyInputs, body: int, spring: TurningHand | SliderLoop | CapstanServo, time: Floats
+    inputs: Mapping[str, Floats],
+    body: int,
+    spring: TurningHand | SliderLoop | CapstanServo,
+    time: Floats,
 ) -> None:
     target = spring.position if isinstance(spring, SliderLoop) else spring.angle
-    inputs.servo[:, body, 0] = spring.stiffness
-    inputs.servo[:, body, 1] = target.at(time)
-    inputs.servo[:, body, 2] = spring.damping
+    inputs["stiffness"][:, body] = spring.stiffness
+    inputs["target"][:, body] = target.at(time)
+    inputs["damping"][:, body] = spring.damping
 
 
 def check_names(
@@ -359,97 +354,72 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     return np.array(mechanism.spread @ angles[mechanism.free] + mechanism.offsets).ravel()
 
 
-@dataclass(frozen=True)
-class PlantMotion:
-    """The plant's motion at the start and after every interval: the outputs y of its kernel, (k,
-    n_y), see `plant_function`.
+def check_motion(plant: Mechanism, y: Floats) -> None:
+    """Check that a plant's motion is finite and within bounds.
+
+    Args:
+        y: outputs of its kernel, (k, n_y), see `plant_function`.
+
+    Raises:
+        ScenarioError: it is not.
     """
-
-    plant: Mechanism
-    y: Floats
-
-    def check(self) -> None:
-        """Check that the motion is finite and within bounds.
-
-        Raises:
-            ScenarioError: it is not.
-        """
-        if not np.all(np.isfinite(self.y)) or np.abs(self.y[:, : self.plant.n_bodies]).max() > 1e3:
-            raise ScenarioError(
-                "the simulated motion left all bounds: a force without a stop or tendon that "
-                "holds it, or a step that is too long (see stepping.largest_step)"
-            )
-
-
-def rows_of(inputs: BodyInputs, dt: float) -> Floats:
-    """Return the samples x of the plant's kernel, one row for each interval of length `dt` [s]."""
-    k, n = inputs.effort.shape
-    servo = inputs.servo.transpose(0, 2, 1).reshape(k, 3 * n)
-    return np.hstack([inputs.effort, inputs.added_inertia, servo, np.full((k, 1), dt)])
+    if not np.all(np.isfinite(y)) or np.abs(y[:, : plant.n_bodies]).max() > 1e3:
+        raise ScenarioError(
+            "the simulated motion left all bounds: a force without a stop or tendon that "
+            "holds it, or a step that is too long (see stepping.largest_step)"
+        )
 
 
 def at_rest(
-    mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel
+    mechanism: Mechanism, rows: Floats, start: Floats, kernel: Kernel
 ) -> tuple[Floats, Floats]:
     """Return the kernel state of a plant at rest, and the output y of its kernel there, (1, n_y).
 
-    Of the inputs only the first interval counts.
-
     Args:
+        rows: samples of the kernel, of which only the first counts, (k, n_x).
         start: coordinates at rest, (n_bodies,).
         kernel: of `plant_function`.
     """
     n = mechanism.n_bodies
     p = mechanism.parameters.values
-    inside = inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
+    inside, _ = rest_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
     still = np.zeros(n + len(hysteretic(mechanism)))
     kernel_state = np.concatenate([start, still, np.array(inside).ravel()])
-    # a tiny interval gives the tensions there
-    y = advance(kernel, Feed(kernel_state, rows_of(inputs, 1e-12)[:1], p)).ys
-    stiffness, target, _ = inputs.servo[0].T
-    y[:, :n] = start
-    y[:, n : 2 * n] = 0.0
-    y[:, -n:] = inputs.effort[0] + stiffness * (target - start)
+    first = rows[:1].copy()
+    inputs = input_layout(mechanism).views(first)
+    inputs["dt"][:] = 1e-12  # a tiny interval gives the tensions there
+    y = advance(kernel, Feed(kernel_state, first, p)).ys
+    outputs = output_layout(mechanism).views(y)
+    outputs["q"][:] = start
+    outputs["v"][:] = 0.0
+    outputs["pulls"][:] = inputs["effort"] + inputs["stiffness"] * (inputs["target"] - start)
     return kernel_state, y
 
 
-def resting_force(mechanism: Mechanism) -> ca.Function:
-    """Return the function (q, p) → the elastic forces of the tendons on the bodies at rest."""
-
-    def make() -> ca.Function:
-        still = Mechanism(mechanism.rig)
-        q = ca.SX.sym("q", mechanism.n_bodies)
-        tied = still.internal_state(q).q
-        pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
-        return ca.Function("force", [q, still.parameters.symbols], [pull])
-
-    settled = settled_creeps(mechanism)
-    return function_of(structure_of("resting force", mechanism, settled=settled), make)
-
-
-def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
+def equilibrium(mechanism: Mechanism, angles: Floats, rows: Floats) -> Floats:
     """Return the coordinates, (n_bodies,), at which every drive is in equilibrium while the joints
     are held at `angles` [rad], (n_joints,).
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its
-    tendon is just straight. Of the inputs only the first interval counts.
+    tendon is just straight. Of the `rows`, samples of the plant's kernel, only the first counts.
 
     Raises:
         ScenarioError: a drive has no equilibrium.
     """
     from scipy.optimize import brentq
 
-    force = resting_force(mechanism)
+    at_rest = rest_function(mechanism)
     p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
     coordinates = np.concatenate([angles, np.zeros(mechanism.n_drives)])
-    servo = inputs.servo[0]
+    inputs = input_layout(mechanism).views(rows[0])
+    effort, stiffness, target = (inputs[name] for name in ("effort", "stiffness", "target"))
 
     for i, drive in enumerate(mechanism.rig.drives, mechanism.n_joints):
 
         def net(position: float, body: int = i) -> float:
             coordinates[body] = position
-            spring = servo[body, 0] * (servo[body, 1] - position)
-            return float(force(coordinates, p)[body] + inputs.effort[0, body] + spring)
+            spring = stiffness[body] * (target[body] - position)
+            return float(at_rest(coordinates, p)[1][body] + effort[body] + spring)
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):

@@ -35,16 +35,14 @@ from distal.rig import (
 )
 from distal.sensor_models import SensorErrors
 from distal.simulation.plant import (
-    BodyInputs,
-    PlantMotion,
     at_rest,
-    body_inputs,
-    ends_of_outputs,
+    check_motion,
     equilibrium,
     initial_angles,
     longest_interval,
+    output_layout,
+    plant_inputs,
     plant_kernel,
-    rows_of,
 )
 from distal.simulation.scenario import Scenario, as_scenario
 
@@ -53,7 +51,7 @@ def moment_of(plant: Mechanism, y: Vector) -> Moment:
     """Return the motion at one moment from an output y, (n_y,), of a plant's kernel
     (`plant_function`).
     """
-    return Moment(plant, *ca.vertsplit(y, ends_of_outputs(plant)))
+    return Moment(plant, *output_layout(plant).parts(y).values())
 
 
 class Sampler:
@@ -63,23 +61,16 @@ class Sampler:
 
     def __init__(self, plant: Mechanism, seed: int) -> None:
         self._rig = rig = plant.rig
-        y = ca.SX.sym("y", ends_of_outputs(plant)[-1])
+        y = ca.SX.sym("y", output_layout(plant).size)
         p = plant.parameters
         moment = moment_of(plant, y)
-        readings = [ca.SX(moment.read(sensor)) for sensor in rig.sensors]
-        # most sensors read one of the plant's outputs: those are taken as they are
-        positions = {y[i].element_hash(): i for i in range(y.numel())}
-        self._columns = np.array(
-            [positions.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp
-        )
-        self._computed = np.flatnonzero(self._columns < 0)
-        computed = ca.vertcat(*(readings[k] for k in self._computed))
+        readings = ca.vertcat(*(moment.read(sensor) for sensor in rig.sensors))
         self._function = ca.Function(
-            "readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))]
+            "readings", [y], [ca.densify(ca.substitute(readings, p.symbols, ca.DM(p.values)))]
         )
         rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
         self._errors = [
-            SensorErrors([sensor], [travel_of(sensor, rig)], [rng])
+            SensorErrors(sensor, travel_of(sensor, rig), rng)
             for sensor, rng in zip(rig.sensors, rngs)
         ]
 
@@ -93,15 +84,13 @@ class Sampler:
             stamps: rising, of `stamps_of` [s], (k,).
         """
         read = np.full((len(stamps), len(self._errors)), np.nan)
-        true: Floats = y[:, self._columns]
-        if len(self._computed):
-            true[:, self._computed] = np.array(self._function(y.T)).T
+        true = np.array(self._function(y.T)).T
         for k, (sensor, errors) in enumerate(zip(self._rig.sensors, self._errors)):
             times = np.round(stamps * sensor.rate) / sensor.rate
             due = np.flatnonzero(np.round(times, 9) == stamps)
             if len(due):
                 at = np.interp(times[due] - sensor.delay, grid, true[:, k])
-                read[due, k] = errors.read(at[:, None])[:, 0]
+                read[due, k] = errors.read(at)
         return read
 
 
@@ -147,7 +136,7 @@ class Prepared:
     Args:
         rig: as filters know it.
         plant: equations of the plant, which has the scenario's ``[plant]`` values, too.
-        inputs: what acts on the bodies in each interval.
+        rows: what acts on the bodies in each interval, `plant_inputs`.
         start: coordinates at rest, (n_bodies,) [rad, m].
         dt: length of an interval [s].
         count: number of sub-steps in an interval.
@@ -156,7 +145,7 @@ class Prepared:
     rig: Rig
     scenario: Scenario
     plant: Mechanism
-    inputs: BodyInputs
+    rows: Floats
     start: Floats
     dt: float
     count: int
@@ -186,10 +175,9 @@ def prepare(
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig), remembers=True)
     dt, steps, count = timing(plant, scenario, period)
-    grid: Floats = dt * np.arange(steps, dtype=np.float64)
-    inputs = body_inputs(scenario, plant, grid)
-    start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-    return Prepared(rig, scenario, plant, inputs, start, dt, count)
+    rows = plant_inputs(scenario, plant, dt, steps)
+    start = equilibrium(plant, initial_angles(scenario, plant), rows)
+    return Prepared(rig, scenario, plant, rows, start, dt, count)
 
 
 def timing(
@@ -208,7 +196,7 @@ def timing(
     dt, count = intervals_of(plant, period or 1.0 / fastest)
     if scenario.duration * fastest < 1.0 - 1e-9:
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
-    # each interval has inputs and outputs of the plant, of which BodyInputs has five for each body
+    # each interval has inputs and outputs of the plant, of which the inputs are five for each body
     size = 2 * 5 * plant.n_bodies * np.dtype(np.float64).itemsize * scenario.duration / dt
     if size > memory_limit():
         raise ScenarioError(
@@ -227,36 +215,34 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
     return dt, max(2, 2 * substeps(plant, dt))
 
 
-def motions_of(runs: Sequence[Prepared]) -> list[PlantMotion]:
+def motions_of(runs: Sequence[Prepared]) -> list[Floats]:
     """Return the motions of runs whose plants and sub-steps have one structure, side by side where
-    there are vector lanes.
+    there are vector lanes: of each run the outputs y of the plant's kernel at the start and after
+    every interval, (k, n_y), see `plant_function`.
 
     Raises:
         ScenarioError: a motion left all bounds.
     """
     kernel = plant_kernel(runs[0].plant, runs[0].count)
-    begun = [at_rest(run.plant, run.inputs, run.start, kernel) for run in runs]
+    begun = [at_rest(run.plant, run.rows, run.start, kernel) for run in runs]
     feeds = [
-        Feed(kernel_state, rows_of(run.inputs, run.dt), run.plant.parameters.values)
+        Feed(kernel_state, run.rows, run.plant.parameters.values)
         for run, (kernel_state, _) in zip(runs, begun)
     ]
     moved = advance_all(kernel, feeds, keep=())
-    motions = [
-        PlantMotion(run.plant, np.vstack([first, after.ys]))
-        for run, (_, first), after in zip(runs, begun, moved)
-    ]
-    for motion in motions:
-        motion.check()
+    motions = [np.vstack([first, after.ys]) for (_, first), after in zip(begun, moved)]
+    for run, motion in zip(runs, motions):
+        check_motion(run.plant, motion)
     return motions
 
 
-def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
+def sampled(prepared: Prepared, motion: Floats, seed: int) -> Log:
     """Return the log of a motion: what the sensors read, and the truth. The seed decides the
     sensors' errors.
     """
     stamps = stamps_of(prepared.plant.rig, 0.0, prepared.scenario.duration)
-    read = Sampler(prepared.plant, seed).read(motion.y, prepared.grid(len(motion.y)), stamps)
-    return log_of(prepared, motion.y, stamps, read)
+    read = Sampler(prepared.plant, seed).read(motion, prepared.grid(len(motion)), stamps)
+    return log_of(prepared, motion, stamps, read)
 
 
 def log_of(prepared: Prepared, y: Floats, stamps: Floats, read: Floats) -> Log:
@@ -274,7 +260,7 @@ def log_of(prepared: Prepared, y: Floats, stamps: Floats, read: Floats) -> Log:
         *(f"force_{drive}" for drive in rig.drive_names),
         *(f"tension_{tendon}" for tendon in rig.tendon_names),
     ]
-    q, _, tensions, pulls = np.split(y, ends_of_outputs(prepared.plant)[1:-1], axis=1)
+    q, _, tensions, pulls = output_layout(prepared.plant).views(y).values()
     columns = np.hstack([q[:, :n], pulls[:, :n], q[:, n:], pulls[:, n:], tensions])
     grid = prepared.grid(len(y))
     truth = {name: np.interp(stamps, grid, column) for name, column in zip(names, columns.T)}

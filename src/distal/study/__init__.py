@@ -10,7 +10,6 @@ with its standard error, √(p (1 − p)/n). An interrupted study goes on where 
 """
 
 from distal.study.design_space import (
-    Axis,
     Plan,
     Space,
     Study,
@@ -19,11 +18,9 @@ from distal.study.design_space import (
     shipped_studies,
     space_of,
 )
-from distal.study.runs import Folder, open_folder, run_study
+from distal.study.runs import open_folder, run_study
 
 __all__ = [
-    "Axis",
-    "Folder",
     "Plan",
     "Space",
     "Study",

@@ -15,15 +15,15 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path
-from threading import Lock
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError, StudyError
@@ -36,16 +36,8 @@ from distal.parallel import one_blas_thread
 from distal.results import Estimate, make_folder
 from distal.rig import Rig, named
 from distal.run.offline import prepared, run_all
-from distal.simulation import Scenario
-from distal.simulation.plant import (
-    BodyInputs,
-    PlantMotion,
-    body_inputs,
-    equilibrium,
-    initial_angles,
-    plant_kernel,
-)
-from distal.simulation.simulate import Prepared, motions_of, sampled, timing
+from distal.simulation.plant import equilibrium, initial_angles, plant_kernel
+from distal.simulation.simulate import Prepared, motions_of, prepare, sampled
 from distal.study.design_space import (
     ESTIMATOR,
     FEEDBACK,
@@ -96,14 +88,13 @@ class Task:
 
 
 _SPACES: dict[str, Space] = {}
-_TURNS = Lock()  # threads of a process take turns
 
 
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
     """Return the rows of some designs, given by their indices: one row for each design, rig as
     built and scenario. A run that fails has a row too, with its error as ``problem``.
     """
-    with _TURNS, one_blas_thread():
+    with one_blas_thread():
         begun = time.perf_counter()
         digest = plan.digest
         space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
@@ -173,14 +164,14 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
             if key not in setups:
                 setups[key] = _setup_of(plan, rigs[task.scenario], task)
             setup = setups[key]
-            if setup.scenario.control is not None:
+            if setup.nominal.scenario.control is not None:
                 outcomes[k] = _closed(plan, setup, task)
                 continue
             built = setup.built(_seeds(plan, task))
         except DistalError as problem:
             outcomes[k] = problem
         else:
-            structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
+            structure = id(setup.kernel), len(built.rows), repr(built.dt)
             plants.setdefault(structure, []).append((k, setup, built))
     runs = dict[int, list[tuple[int, Run]]]()
     for group in _groups(plants.values()):
@@ -204,10 +195,10 @@ def run_tasks(plan: Plan, tasks: Sequence[Task]) -> list[Outcome]:
 
 def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop:
     """Return the closed loop of a rig as built."""
-    plant = setup.drawn(_seeds(plan, task)) | setup.fixed
     feedback = str(task.design[FEEDBACK]) if FEEDBACK in task.design else None
-    scenario = setup.scenario.model_copy(update={"plant": plant})
-    return closed_loop(setup.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
+    of = setup.nominal
+    scenario = of.scenario.model_copy(update={"plant": setup.drawn(_seeds(plan, task))})
+    return closed_loop(of.rig, scenario, _sensor_seed(plan, task), feedback=feedback)
 
 
 def _sensor_seed(plan: Plan, task: Task) -> int:
@@ -226,29 +217,25 @@ class _Setup:
     """A design in a scenario, prepared for all rigs as built of it.
 
     Args:
-        rig: as filters know it.
-        fixed: what the scenario says of the plant, where nothing is drawn.
-        timing: interval [s] and sub-steps.
+        nominal: the design as it is described; its scenario says of the plant what is not drawn.
     """
 
-    scenario: Scenario
-    rig: Rig
+    nominal: Prepared
     draws: tuple[Draw, ...]
-    fixed: dict[str, object]
     kernel: Kernel
-    inputs: BodyInputs
-    timing: tuple[float, int]
     estimator: KernelEstimator
 
-    def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
-        """Return path → value of one rig as built."""
-        return built_values(self.rig, self.draws, scores(self.draws, seed))
+    def drawn(self, seed: tuple[int, ...]) -> dict[str, object]:
+        """Return path → value of the plant of one rig as built."""
+        built = built_values(self.nominal.rig, self.draws, scores(self.draws, seed))
+        return built | self.nominal.scenario.plant
 
     def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
-        plant = Mechanism(self.rig.with_values(self.drawn(seed) | self.fixed), remembers=True)
-        start = equilibrium(plant, initial_angles(self.scenario, plant), self.inputs)
-        return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
+        of = self.nominal
+        plant = Mechanism(of.rig.with_values(self.drawn(seed)), remembers=True)
+        start = equilibrium(plant, initial_angles(of.scenario, plant), of.rows)
+        return replace(of, plant=plant, start=start)
 
 
 def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup:
@@ -261,19 +248,16 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup:
         for path, setting in scenario.plant.items()
         if not any(fnmatch(name, named(rig, path)) for name in drawn)
     }
-    plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
-    dt, steps, needed = timing(plant, scenario)
+    nominal = prepare(rig, scenario.model_copy(update={"plant": fixed}))
     # a power of two, so that designs of different stiffness share few kernels
-    count = 1 << (needed - 1).bit_length()
-    inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
+    nominal = replace(nominal, count=1 << (nominal.count - 1).bit_length())
     name = str(task.design.get(ESTIMATOR, plan.study.estimator))
     # of the filter alone the kernel is compiled: it is the slow one
     estimator = make_estimator(name, rig, compiled=name == DEFAULT)
-    kernel = plant_kernel(plant, count)
-    return _Setup(scenario, rig, draws, fixed, kernel, inputs, (dt, count), estimator)
+    return _Setup(nominal, draws, plant_kernel(nominal.plant, nominal.count), estimator)
 
 
-def _motions(group: Sequence[Prepared]) -> Sequence[PlantMotion | DistalError]:
+def _motions(group: Sequence[Prepared]) -> Sequence[Floats | DistalError]:
     try:
         return motions_of(group)
     except DistalError as problem:

@@ -45,9 +45,9 @@ def step_of(rig: Rig, q: list[float], v: tuple[float, ...] = (0.0, 0.0, 0.0)) ->
     assert context.joints_settle
     mechanism, nj = context.mechanism, context.n_joints
     at, speed = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies)
-    torque, response = ca.SX.sym("tau", nj), ca.SX.zeros(mechanism.n_bodies, 4)
+    torque = ca.SX.sym("tau", nj)
     effort = ca.vertcat(torque, ca.SX(mechanism.n_drives, 1))
-    kick = Kick(at, speed, effort, response, ca.SX(h), ca.SX(h))
+    kick = Kick(at, speed, effort, ca.SX(h), ca.SX(h))
     made = moving(context, kick, torque, ca.SX.zeros(nj), [], [])
     p = mechanism.parameters
     outputs = [made.q[:nj], made.v[:nj], made.by_position, made.by_torque]

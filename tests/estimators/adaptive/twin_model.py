@@ -14,14 +14,12 @@ from distal.model import (
     Kick,
     Limit,
     Mechanism,
-    impulses,
     joint_frequency,
-    kick_and_drift,
-    responses,
     soft_moments,
 )
 from distal.rig import Rig
 from tests.estimators.adaptive.twin_states import State
+from tests.support.one_body import one_body
 
 
 class TwinModel:
@@ -91,19 +89,19 @@ class TwinModel:
             if state.kind == "torque":
                 torques[state.of] = self.x[i]
         effort = ca.vertcat(*torques, ca.SX.zeros(self.n_d, 1))
-        response = responses(self.mechanism, h, h, rebounds=False)
-        kick = Kick(q, v, effort, response, h, h)
-        moved, speeds = kick_and_drift(self.mechanism, kick, rebounds=False, bodies=range(self.n_j))
-        z, limits, damping = impulses(self.mechanism, kick)
-        smooth, remaining = list(ca.vertsplit(speeds[: self.n_j])), [ca.SX(0)] * self.n_j
+        kick = Kick(q, v, effort, h, h)
+        joints = [one_body(self.mechanism, kick, j) for j in range(self.n_j)]
+        smooth = [joint.velocity for joint in joints]
+        speeds, remaining = ca.vertcat(*smooth), [ca.SX(0)] * self.n_j
         constants, values = [], []
         for i, joint in enumerate(rig.joints):
             if joint.external_torque.std == 0:
                 continue
-            b = response[i, 1]
+            alone = joints[i]
+            b = alone.b
             mass = ca.if_else(h > 0, h / b, self.mechanism.inertias()[i])
-            push, held = mass * z[i], mass * (1 + b * damping[i])
-            friction = [mass * side for side in (limits[i].up, limits[i].down)]
+            push, held = mass * alone.z, mass * (1 + b * alone.damping)
+            friction = [mass * side for side in (alone.up, alone.down)]
             inertia, speed, forward, back = (ca.SX.sym(name) for name in ("m", "w", "f", "b"))
             limit = Limit(*(side / held for side in friction))
             expected = soft_moments(push / held, limit, h * sigma[i] / held + 1e-9)
@@ -115,7 +113,7 @@ class TwinModel:
             slip = (expected.forward / share, expected.back / share)
             values += [held / share, speeds[i], *slip]
         slope = ca.vertcat(*smooth)
-        outputs = [moved[: self.n_j], speeds[: self.n_j], ca.vertcat(*remaining)]
+        outputs = [q[: self.n_j] + h * speeds, speeds, ca.vertcat(*remaining)]
         by_x, by_s = [
             ca.jacobian(e, of) for e in self._with_parameters(slope) for of in (self.x, self.s)
         ]

@@ -31,16 +31,16 @@ from distal.expressions import (
 from distal.model import (
     Contacts,
     Kick,
+    Kicked,
     Limit,
     Slip,
     damped_inertias,
-    kicked_chain,
+    kicked,
     loads_of,
     residual,
     soft_moments,
     solver,
 )
-from distal.model.stepping import Kicked
 
 TINY_STD = 1e-9
 """Added to the standard deviation of a joint's speed so that its moments stay finite where no time
@@ -100,7 +100,7 @@ class Softened(NamedTuple):
 def _softened(
     context: FilterContext,
     kick: Kick,
-    kicked: Kicked,
+    moved: Kicked,
     stds: Vector,
     turned: Collection[int],
     declared: Collection[int],
@@ -109,21 +109,21 @@ def _softened(
     free = context.mechanism.free
     count = len(free)
     weight, forward, back = (
-        ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back")
+        ca.vertsplit(getattr(moved.slip, part)) for part in ("moving", "forward", "back")
     )
-    after = kicked.v[free]
+    after = moved.v[free]
     rest = [ca.SX(0)] * context.n_joints
-    matrix = ca.SX(kicked.matrix)
-    load = kicked.load
-    stiffness = ca.SX(kicked.contacts.stiffness)
-    damping = ca.SX(kicked.contacts.damping)
+    matrix = ca.SX(moved.matrix)
+    load = moved.load
+    stiffness = ca.SX(moved.contacts.stiffness)
+    damping = ca.SX(moved.contacts.damping)
     for k, j in enumerate(free):
         if j not in turned:
             continue
         pressing = ca.SX(0)
         if j in declared:
             # a hand may take the joint off its stop: the expectation does without it
-            pressing = stiffness[k] * (kick.q[j] - kicked.contacts.position[k])
+            pressing = stiffness[k] * (kick.q[j] - moved.contacts.position[k])
             matrix[k, k] -= damping[k]
             stiffness[k] = 0
             damping[k] = 0
@@ -134,7 +134,7 @@ def _softened(
             + pressing
             - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
         )
-        limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
+        limit = Limit(moved.up[k] / mass, moved.down[k] / mass)
         moments = soft_moments(felt / mass, limit, kick.length * stds[j] / mass + TINY_STD)
         share = ca.fmax(moments.slope, 1e-12)
         weight[k] = ca.sqrt(share)
@@ -168,11 +168,13 @@ def moving(
     """
     mechanism = context.mechanism
     nj = context.n_joints
-    kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
+    settles = context.joints_settle
+    loads = loads_of(mechanism, kick, settles)
+    moved = kicked(mechanism, kick, loads, settles=settles)
     count = len(mechanism.free)
     length = kick.length
-    after = kicked.v[mechanism.free]
-    soft = _softened(context, kick, kicked, stds, turned, declared)
+    after = moved.v[mechanism.free]
+    soft = _softened(context, kick, moved, stds, turned, declared)
     unknown = symbols(
         ca.SX,
         after=count,
@@ -185,21 +187,22 @@ def moving(
     )
     speed, forward_by, back_by, *contact, damped = unknown
     q = kick.q[:nj]
-    v = ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
+    v = ca.SX.zeros(nj) if settles else kick.v[:nj]
     equation = residual(
         mechanism,
         q,
         v,
         speed,
-        loads_of(mechanism, kick, context.joints_settle),
+        loads,
         slip=Slip(forward_by, back_by),
         contacts=Contacts(*contact),
         damped=damped,
         h=length,
     )
     # what the equation takes as given
-    inertias = damped_inertias(mechanism, ca.diag(mechanism.mass_matrix(q)), length)
-    pushes = [soft.stiffness, soft.damping, kicked.contacts.position]
+    dampings = mechanism.dampings()[:nj]
+    inertias = damped_inertias(dampings, ca.diag(mechanism.mass_matrix(q)), length)
+    pushes = [soft.stiffness, soft.damping, moved.contacts.position]
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
     slopes = [
         ca.jacobian(equation, argument)
@@ -212,14 +215,14 @@ def moving(
     by_contact = ca.jacobian(equation, ca.vertcat(*contact))
     by_stops = ca.jacobian(ca.vertcat(*pushes), p.symbols[stops])
     slopes[2][:, stops] += ca.mtimes(by_contact, by_stops)
-    solution = [after, soft.forward, soft.back, *pushes, kicked.damped]
+    solution = [after, soft.forward, soft.back, *pushes, moved.damped]
     slopes = ca.substitute(slopes, unknown, [ca.densify(part) for part in solution])
     solve = solver(soft.matrix, soft.weight)
     inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
     slopes = [ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes]
     by_position, by_speed, by_parameter, by_torque = slopes
-    q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
-    v = ca.vertcat(kicked.v, kick.v[nj:])
+    q = ca.vertcat(moved.q, kick.q[nj:] + kick.drift * kick.v[nj:])
+    v = ca.vertcat(moved.v, kick.v[nj:])
     return Moving(q, v, by_position, by_speed, by_parameter, by_torque, soft.rest)
 
 
@@ -352,8 +355,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         slope = ca.jacobian(last, mean)
         slopes += [slope[at] for at in states.placing(i)]
     parameters = states.parameters(mean)
-    damped = damped_inertias(mechanism, mechanism.inertias()[: context.n_joints], dt / count)
     nj = context.n_joints
+    damped = damped_inertias(mechanism.dampings()[:nj], mechanism.inertias()[:nj], dt / count)
     # torques are sums of states of their own: their variances add up
     of_joints = (states.adding(("torque", j)) for j in range(nj))
     spreads = [
@@ -389,8 +392,7 @@ def _substep(states: StateVector) -> ca.Function:
     inputs = symbols(ca.SX, q=nb, v=nb, tau=nj, h=1, s_tau=nj)
     q, v, torques, h, spreads = inputs
     damped, state, rig_p = symbols(ca.SX, damped=nj, state=len(states), rig_p=p.numel())
-    same = damped if mechanism.chain is None else None
-    kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), ca.SX(nb, 4), h, h, damped=same)
+    kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), h, h, damped=damped)
     torque_slopes = ca.jacobian(states.torques(state), state)
     # states enter the parameters linearly: slopes at the rig's own
     parameter_slopes = ca.substitute(ca.jacobian(states.parameters(state), state), p, rig_p)
