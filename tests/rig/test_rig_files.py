@@ -119,7 +119,7 @@ REFUSED = [
         'sensors.0.measures="command"',
         r"measures = 'command' needs lag, the time constant of the drive's servo",
     ),
-    ("sensors.u1.lag=0.1", r"sensors.*lag: is of a drive that follows a command"),
+    ("sensors.u1.lag=0.1", r"sensors\.u1\.lag: is of a drive that follows a command"),
     ('sensors.1.name="x1"', r"sensors: the name 'x1' stands more than once"),
     ('sensors.1.column="x1"', r"the log column 'x1' stands more than once"),
     ("joints.0.friction.exponent=0.5", r"exponent: must be from 1 to inf, 0.5 came"),
@@ -159,7 +159,7 @@ REFUSED = [
     ("novalue", r"write path=value"),
     ("name=", r"write path=value"),
     ("drives.0.mass=[1", r"is not TOML"),
-    (f"{'.'.join(['a'] * 2000)}=1", "has 2000 parts; no value of a rig has so many"),
+    (f"{'.'.join(['a'] * 2000)}=1", "unknown key 'a'"),
 ]
 
 

@@ -5,13 +5,14 @@ numbers and SI. A further kind is a class, a line in `MEASURANDS`, and its class
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import pi
 from typing import Annotated, Literal, Protocol, Self, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
+from pydantic_core import PydanticOmit
 
 from distal.confidence import BAND
 from distal.errors import UnitError, did_you_mean
@@ -513,49 +514,43 @@ MEASURED = {
 """Kind of part → names of what can be measured of it."""
 
 
-def in_its_unit(
-    raw: object, index: int, parts: Mapping[str, Sequence[Part]]
-) -> Mapping[str, object]:
-    """Return the raw table of a sensor with its SI unit.
-
-    Args:
-        index: of the table in the rig file, for messages.
-        parts: kind → the parts of the rig.
+def in_its_unit(raw: object, info: ValidationInfo) -> object:
+    """Return the raw table of a sensor with its SI unit; `info` has the parts of the rig.
 
     Raises:
         ValueError: the table names no part, or one of which this cannot be measured.
     """
+    parts: Mapping[str, Sequence[Part]] = info.data
+    if not MEASURED.keys() <= parts.keys():
+        # a part is refused already; a check of its sensors would only repeat that
+        raise PydanticOmit
     if not isinstance(raw, Mapping):
-        raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
+        return raw
     if raw.get("measures") == "command":
         if "lag" not in raw:
             raise ValueError(
-                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo "
-                '("50 ms")'
+                "measures = 'command' needs lag, the time constant of the drive's servo (\"50 ms\")"
             )
         raw = {**raw, "measures": "position"}
-    measures = raw.get("measures")
-    of = raw.get("of")
-    if measures is None or of is None:
+    if not {"measures", "of"} <= raw.keys():
         return {**raw, "si": "m"}  # pydantic says what is missing
+    measures = raw["measures"]
+    of = str(raw["of"])
     kind = MEASURANDS.get(str(measures))
     if kind is None:
         *names, last = (f"'{name}'" for name in MEASURANDS)
+        raise ValueError(f"measures: must be {', '.join(names)} or {last}, {measures!r} came")
+    by_name = {part.name: part for part in parts[kind.of]}
+    if of not in by_name:
         raise ValueError(
-            f"{index}.measures: must be {', '.join(names)} or {last}, {measures!r} came"
+            f"of: no {kind.of[:-1]} is called '{of}'{_elsewhere(of, kind, parts, by_name)}"
         )
-    names_of_parts = [part.name for part in parts[kind.of]]
-    if of not in names_of_parts:
-        raise ValueError(
-            f"{index}.of: no {kind.of[:-1]} is called "
-            f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
-        )
-    is_capstan = isinstance(parts[kind.of][names_of_parts.index(of)], Capstan)
+    is_capstan = isinstance(by_name[of], Capstan)
     return {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
 
 
 def _elsewhere(
-    of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]
+    of: str, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: Iterable[str]
 ) -> str:
     """Return a hint for a message: a sensor's part is of another kind, or names that may
     be meant.
@@ -566,7 +561,7 @@ def _elsewhere(
             is_motor = (kind_of_part, kind.name) == ("drives", "torque")
             hint = "; the torque of a capstan's motor is its force" if is_motor else ""
             return f", it is one of the {kind_of_part}: measures must be {allowed}{hint}"
-    return did_you_mean(str(of), names)
+    return did_you_mean(of, names)
 
 
 def measurand_of(sensor: Sensor) -> Measurand:
