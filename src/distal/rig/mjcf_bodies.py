@@ -351,26 +351,19 @@ def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
     return name_of(model.tendon(tendon).name, f"tendon{tendon}")
 
 
+def kept_at(model: mujoco.MjModel, dof: int, joints: Sequence[int]) -> int:
+    """Return the last of the kept `joints` on the way from the base to a degree of freedom, which
+    may be its own, −1 where there is none.
+    """
+    while dof >= 0 and model.dof_jntid[dof] not in joints:
+        dof = model.dof_parentid[dof]
+    return int(model.dof_jntid[dof]) if dof >= 0 else -1
+
+
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return for each body the last one of the kept `joints` on its way from the base, −1 where
-    there is none.
-    """
-    carrier = [-1] * model.nbody
-    for body in range(1, model.nbody):
-        above = carrier[model.body_parentid[body]]
-        carrier[body] = max((j for j in joints if model.jnt_bodyid[j] == body), default=above)
-    return carrier
-
-
-def parent_of(
-    model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]
-) -> int:
-    """Return which of the kept `joints` turns the link on which a joint sits, −1 for none;
-    `carrier` is by `carried_by`.
-    """
-    body = model.jnt_bodyid[joint]
-    above = carrier[model.body_parentid[body]]
-    return max((j for j in joints if model.jnt_bodyid[j] == body and j < joint), default=above)
+    """Return for each body which of the kept `joints` turns it, −1 where none does."""
+    last = [model.body_dofadr[body] + model.body_dofnum[body] - 1 for body in model.body_weldid]
+    return [kept_at(model, dof, joints) for dof in last]
 
 
 def described_joints(
@@ -396,9 +389,11 @@ def described_joints(
     mujoco.mj_comPos(model, data)
     frame = data.xmat[model.jnt_bodyid[joints[0]]].reshape(3, 3)
     carrier = carried_by(model, joints)
+    leads = {pair.follower: pair for pair in coupled}
     described = list[Raw]()
     for j in joints:
-        parent = parent_of(model, j, joints, carrier)
+        dof = model.jnt_dofadr[j]
+        parent = kept_at(model, model.dof_parentid[dof], joints)
         position = data.xanchor[j] - data.xanchor[parent if parent >= 0 else joints[0]]
         raw: Raw = {
             "name": joint_name(model, j),
@@ -408,7 +403,6 @@ def described_joints(
         }
         bodies = [body for body in range(model.nbody) if carrier[body] == j]
         raw |= _link(model, data, bodies, data.xanchor[j], frame, length_unit)
-        dof = model.jnt_dofadr[j]
         raw["inertia"] = max(float(model.dof_armature[dof]) * length_unit**2, SMALLEST_INERTIA)
         raw["damping"] = only_number(model.dof_damping[dof]) * length_unit**2
         loss = float(model.dof_frictionloss[dof]) * length_unit**2
@@ -421,10 +415,9 @@ def described_joints(
             }
         if j in springs:
             raw["spring"] = dict(springs[j])
-        leads = [pair for pair in coupled if pair.follower == j]
-        if leads:
-            name = joint_name(model, leads[0].leader)
-            raw["coupled"] = {"joint": name, "ratio": leads[0].ratio, "offset": leads[0].offset}
+        if j in leads:
+            name = joint_name(model, leads[j].leader)
+            raw["coupled"] = {"joint": name, "ratio": leads[j].ratio, "offset": leads[j].offset}
         else:
             initial = float(model.qpos0[model.jnt_qposadr[j]])
             raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
@@ -445,21 +438,19 @@ def _link(
     """Return the raw link of bodies that move together, in the joint's frame: mass, centre and
     moments of inertia; empty if they are massless.
     """
-    masses = model.body_mass[bodies]
-    if masses.sum() <= 0.0:
+    # about the centre of mass of all: moments and products of inertia, mass times offset, mass
+    whole = data.cinert[bodies].sum(axis=0)
+    mass = float(whole[9])
+    if mass <= 0.0:
         return {}
-    centres = (data.xipos[bodies] - origin) @ frame
-    centre = masses @ centres / masses.sum()
-    moments = np.zeros(3)
-    for mass, position, b in zip(masses, centres, bodies):
-        turned = frame.T @ data.ximat[b].reshape(3, 3)
-        off = position - centre
-        shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
-        moments += np.diag(turned @ np.diag(model.body_inertia[b]) @ turned.T + shift)
+    off = whole[6:9] / mass
+    shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
+    turned = frame.T @ (whole[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]] - shift) @ frame
+    centre = data.subtree_com[model.body_rootid[bodies[0]]] + off - origin
     link = {
-        "mass": float(masses.sum()),
-        "centre": _rounded(centre * length_unit),
-        "inertia": [float(f"{moment:.6g}") for moment in moments * length_unit**2],
+        "mass": mass,
+        "centre": _rounded(centre @ frame * length_unit),
+        "inertia": [float(f"{moment:.6g}") for moment in np.diag(turned) * length_unit**2],
     }
     return {"link": link}
 

@@ -19,7 +19,7 @@ from distal.rig import (
     from_mujoco,
     parse_toml,
 )
-from distal.rig.mjcf_bodies import _as_spring, _fitted, carried_by, fit_excursion, parent_of
+from distal.rig.mjcf_bodies import _as_spring, _fitted, fit_excursion, kept_at
 from tests.helpers import finite_difference
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
@@ -214,7 +214,7 @@ FLOATS = {'<geom size="0.01"/>': '<geom size="0.01"/><freejoint name="root"/>'}
         (
             {'<joint name="pip"': '<joint type="slide" name="pip"'},
             {},
-            "moves joint 'pip', which slides; distal's joints turn",
+            "moves joint 'pip', which is no hinge but slide; distal's joints turn",
         ),
         (
             {PULLS_EXTENSOR: "", PULLS_FLEXOR: ""},
@@ -336,8 +336,8 @@ def test_each_joint_sits_on_the_link_of_the_one_before_it_in_the_tree() -> None:
     """
     model = model_of(TREE)
     for kept, parents in (([0, 1, 2, 3, 4, 5], " abcb "), ([0, 3, 4, 5], " aa ")):
-        carrier = carried_by(model, kept)
-        found = [parent_of(model, joint, kept, carrier) for joint in kept]
+        above = [int(model.dof_parentid[model.jnt_dofadr[joint]]) for joint in kept]
+        found = [kept_at(model, dof, kept) for dof in above]
         assert ["abcdef "[parent] for parent in found] == [*parents]
 
 
