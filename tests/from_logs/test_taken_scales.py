@@ -51,7 +51,7 @@ CALLS: dict[str, Callable[[Rig, Path], object]] = {
 def test_commands_that_keep_tendons_taut_are_refused(
     call: str, scales: tuple[str, ...], tmp_path: Path
 ) -> None:
-    with pytest.raises(distal.DistalError, match=r"needs a true tension.*Measure one true"):
+    with pytest.raises(distal.DistalError, match=r"needs a true tension.*settles it: one true"):
         CALLS[call](taken(*scales), tmp_path)
     assert not (tmp_path / "c").exists()
 
