@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
 from distal.errors import DistalWarning, RigError
-from distal.rig import edited_text, number, rig_text
+from distal.rig import edited_text, number
 
 
 def test_shipped_rigs_load() -> None:
@@ -70,7 +70,7 @@ def test_the_example_of_the_readme_shape(read) -> None:
 
 
 def test_template_is_a_rig(read) -> None:
-    text = rig_text("template")[0]
+    text = edited_text("template")
     assert read(text).name == "My joint"
     # what the template only shows as a comment is right too
     keys = "spring|gravity|stops|external_torque|damping|pretension"

@@ -59,15 +59,6 @@ def shipped_rigs() -> tuple[str, ...]:
     return shipped_in(RIGS)
 
 
-def rig_text(name: str | Path) -> tuple[str, str]:
-    """Return the text of a shipped rig or of the file at a path, and its name for messages.
-
-    Raises:
-        RigError: the rig is unknown, or its file cannot be read.
-    """
-    return description_text(name, RIGS, "rig", RigError), str(name)
-
-
 def read_text(path: Path, error: type[DistalError]) -> str:
     """Return the text of a file (UTF-8), or raise `error` with the reason in plain words."""
     try:
@@ -136,7 +127,8 @@ def _changed(
     """Return the text of a rig file, the paths and values of some assignments, and the rig that
     has these values.
     """
-    text, source = rig_text(name)
+    text = description_text(name, RIGS, "rig", RigError)
+    source = str(name)
     raw = parse_toml(text, source, RigError)
     changed = [parse_assignment(assignment, RigError) for assignment in assignments]
     for path, value in changed:

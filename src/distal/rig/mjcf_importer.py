@@ -220,20 +220,11 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
         if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_TENDON:
             elsewhere.append(name)
             continue
-        if (
-            model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_MUSCLE
-            or model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_MUSCLE
-        ):
+        if model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_MUSCLE:
             raise RigError(
                 f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls"
             )
         tendon = int(model.actuator_trnid[a][0])
-        if tendon in driven:
-            left.append(
-                f"actuator '{name}' pulls tendon '{driven[tendon]}', which another pulls too: "
-                "left out"
-            )
-            continue
         driven[tendon] = tendon_name(model, tendon)
     if not model.nu:
         springs = spring_tendons(model)
@@ -386,8 +377,6 @@ def opened(model: mujoco.MjModel | str | Path) -> tuple[mujoco.MjModel, str]:
     title = "model"
     if isinstance(model, (str, Path)):
         title = Path(model).stem
-        if not Path(model).is_file():
-            raise RigError(f"{model}: there is no such file")
         try:
             model = package.MjModel.from_xml_path(str(model))
         except Exception as problem:

@@ -18,7 +18,7 @@ from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.components import BASE, Base, Drive, Joint, Tendon
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.quantities import Description, Duration, Parameter, Rate
-from distal.rig.sensors import Sensor, in_its_unit, log_factor, measurand_of
+from distal.rig.sensors import Sensor, in_its_unit, log_factor, measurand_of, part_of
 from distal.rig.validation import named, set_value, validated
 from distal.units import unit_factor
 
@@ -489,56 +489,52 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
 
     A rig that cannot be split is returned whole; its parts have no learned maps.
     """
-    joints = rig.joint_names
     together = [_joints_of(rig, f"drives.{d}") for d in range(len(rig.drives))]
     for i, joint in enumerate(rig.joints):
         parent = rig.parent_of(i)
         if parent is not None:
-            together.append([joint.name, joints[parent]])
+            together.append([i, parent])
         if joint.coupled is not None:
-            together.append([joint.name, joint.coupled.joint])
+            together.append([i, rig.joint_names.index(joint.coupled.joint)])
     for sharing in rig.sharing().values():
-        together.append([name for path in sharing for name in _joints_of(rig, path)])
-    linked = np.zeros((len(joints), len(joints)))
-    for names in together:
-        at = [joints.index(name) for name in names]
-        linked[np.ix_(at, at)] = 1.0
+        together.append([j for path in sharing for j in _joints_of(rig, path)])
+    linked = np.zeros((len(rig.joints), len(rig.joints)))
+    for joints in together:
+        linked[np.ix_(joints, joints)] = 1.0
     count, groups = connected_components(linked, directed=False)
     if count == 1:
         indices = {kind: tuple(range(len(every))) for kind, every in rig.components.items()}
         return (Subsystem(rig, indices),)
     return tuple(
-        _part(rig, [name for name, alone in zip(joints, groups) if alone == group])
-        for group in dict.fromkeys(groups)
+        _part(rig, np.flatnonzero(groups == group).tolist()) for group in dict.fromkeys(groups)
     )
 
 
-def _joints_of(rig: Rig, path: str) -> list[str]:
+def _joints_of(rig: Rig, path: str) -> list[int]:
     """Return the joints that the number at a path belongs to, or that its tendon or drive moves."""
-    kind, index = path.split(".")[:2]
+    kind, index, _ = _split(path)
     at = int(index)
     if kind == "joints":
-        return [rig.joint_names[at]]
+        return [at]
     pulled = [rig.tendons[at]] if kind == "tendons" else rig.tendons_of(rig.drive_names[at])
-    return [name for tendon in pulled for name in tendon.joints]
+    return [rig.joint_names.index(name) for tendon in pulled for name in tendon.joints]
 
 
-def _part(rig: Rig, names: list[str]) -> Subsystem:
-    pulling = [tendon for tendon in rig.tendons if tendon.joints[0] in names]
-    alone = {
-        "joints": names,
-        "drives": [tendon.drive for tendon in pulling],
-        "tendons": [tendon.name for tendon in pulling],
-    }
-    alone["sensors"] = [s.name for s in rig.sensors if s.of in alone[measurand_of(s).of]]
-    chosen = {
-        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own)
-        for kind, own in alone.items()
-    }
+def _part(rig: Rig, joints: Sequence[int]) -> Subsystem:
+    names = [rig.joint_names[j] for j in joints]
+    tendons = [i for i, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
+    pulled = {rig.tendons[i].drive for i in tendons}
+    drives = [i for i, name in enumerate(rig.drive_names) if name in pulled]
+    chosen = {"joints": tuple(joints), "drives": tuple(drives), "tendons": tuple(tendons)}
+    chosen["sensors"] = tuple(
+        i
+        for i, sensor in enumerate(rig.sensors)
+        if part_of(sensor, rig) in chosen[measurand_of(sensor).of]
+    )
     parts: dict[str, object] = {
         kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }
-    parents = {j: rig.parent_of(j) for j in chosen["joints"]}
+    parents = {j: rig.parent_of(j) for j in joints}
     parts["joints"] = tuple(
         rig.joints[j].model_copy(update={"parent": BASE if on is None else rig.joint_names[on]})
         for j, on in parents.items()

@@ -26,7 +26,11 @@ def angle_names(joints: Sequence[str]) -> tuple[str, ...]:
 
     A standard deviation has ``_std`` behind it (`std_name`), a speed ``_dot`` (`speed_names`).
     """
-    return ("theta",) if len(joints) == 1 else tuple(f"theta_{joint}" for joint in joints)
+    return _names_of("theta", joints)
+
+
+def _names_of(quantity: str, joints: Sequence[str]) -> tuple[str, ...]:
+    return (quantity,) if len(joints) == 1 else tuple(f"{quantity}_{joint}" for joint in joints)
 
 
 def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
@@ -38,11 +42,7 @@ def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the external torques on the joints: ``external_torque``, or
     ``external_torque_JOINT``.
     """
-    return (
-        ("external_torque",)
-        if len(joints) == 1
-        else tuple(f"external_torque_{joint}" for joint in joints)
-    )
+    return _names_of("external_torque", joints)
 
 
 def std_name(name: str) -> str:
@@ -257,8 +257,6 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     path, equals, value = text.partition("=")
     path = path.strip()
     value = value.strip()
-    if "\n" in value or "\r" in value:
-        raise error(f"--set '{path}': the value has more than one line; give one value")
     if not equals or not path or not value:
         raise error(
             f"--set '{text}': write path=value, e.g. --set joints.finger.friction.coefficient=0.4"
