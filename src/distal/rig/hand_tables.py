@@ -397,34 +397,24 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
         for row in rows
     ]
     if len(rows) > 1 or rows[0].back != "tendon":
+        meetings: dict[str, Raw] = {motor: {"side": 1, "crossings": shapes}}
         spread: Raw = {"std": f"{100 * ASSUMED.stiffness_std:g} %"}
-        return [_tendon(motor, motor, {"side": 1, "crossings": shapes}, spread, ASSUMED.loose)]
-    joint = shapes[0]["joint"]
-    insertion = {"kind": "pulley", "radius": _arm(rows[0])}
-    spread = {"shared": {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}}
-    return [
-        _tendon(
-            f"{motor}_{word}",
-            motor,
-            {"joint": joint, "side": side, "insertion": insertion},
-            spread,
-            ASSUMED.slack,
-        )
-        for word, side in (("plus", 1), ("minus", -1))
-    ]
-
-
-def _tendon(name: str, motor: str, meets: Raw, spread: Raw, slack: Guess) -> Raw:
-    """Return a tendon that `meets` its joints, with the `spread` of its stiffness."""
-    return {
-        "name": name,
-        "drive": motor,
-        **meets,
+        slack = ASSUMED.loose
+    else:
+        insertion = {"kind": "pulley", "radius": _arm(rows[0])}
+        meetings = {
+            f"{motor}_{word}": {"joint": shapes[0]["joint"], "side": side, "insertion": insertion}
+            for word, side in (("plus", 1), ("minus", -1))
+        }
+        spread = {"shared": {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}}
+        slack = ASSUMED.slack
+    common: Raw = {
         "stiffness": Guess({"value": ASSUMED.stiffness, **spread}, "stiffness of tendons"),
         "damping": ASSUMED.tendon_damping,
         "slack": slack,
         "path": ASSUMED.path,
     }
+    return [{"name": name, "drive": motor, **meetings[name], **common} for name in meetings]
 
 
 def _arm(row: Row) -> object:
@@ -455,30 +445,26 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
     )
     step: object = f"{360 / (row.counts or ASSUMED.counts):.6g} deg"
     position: Raw = {
-        "name": f"{motor}_position",
-        "measures": "position",
-        "of": motor,
         **logged,
-        "sign": _winds(rows),
-        "rate": ASSUMED.rate,
         "noise": ASSUMED.position_noise,
         "resolution": Guess(step, "counts of encoders") if row.counts is None else step,
         "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
     current: Raw = {
-        "name": f"{motor}_current",
-        "measures": "force",
-        "of": motor,
         "unit": "mA",
         "torque_constant": row.torque_constant or ASSUMED.torque_constant,
-        "sign": _winds(rows),
-        "rate": ASSUMED.rate,
         "noise": ASSUMED.current_noise,
     }
-    for raw, column in ((position, row.position_column), (current, row.current_column)):
-        if column is not None:
-            raw["column"] = column
-    return [position, current]
+    return [
+        {"name": f"{motor}_{name}", "measures": measures, "of": motor}
+        | ({} if column is None else {"column": column})
+        | {"sign": _winds(rows), "rate": ASSUMED.rate}
+        | fields
+        for name, measures, column, fields in (
+            ("position", "position", row.position_column, position),
+            ("current", "force", row.current_column, current),
+        )
+    ]
 
 
 def _encoder(joint: str) -> Raw:

@@ -572,8 +572,7 @@ def joint_springs(
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
         if np.abs(torque).max() > 0.0:
             torque *= length_unit**2
-            springs[j] = _as_spring(angles, torque)
-            rms = _left(springs[j], angles, torque)
+            springs[j], rms = _as_spring(angles, torque)
             if rms > 0.05 * np.abs(torque).max():
                 left.append(
                     f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)"
@@ -581,41 +580,35 @@ def joint_springs(
     return springs, left
 
 
-def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
-    """Return the spring whose torque over the range is nearest; where it is relaxed, its stiffness
-    is not negative.
+def _as_spring(angles: Floats, torque: Floats) -> tuple[dict[str, float], float]:
+    """Return the spring whose torque over the range is nearest, and the RMS of what it leaves;
+    where it is relaxed, its stiffness is not negative.
     """
     span = float(angles[-1] - angles[0])
-    for degree in (3, 1):
-        fitted = Polynomial.fit(angles, torque, degree).convert()
-        slope = fitted.deriv()
-        middle = (angles[0] + angles[-1]) / 2
+    middle = (angles[0] + angles[-1]) / 2
+    # where the torque does not fall over the range: a weak spring that is relaxed far away
+    mean = float(np.mean(torque))
+    zero = float(middle + np.copysign(FARTHEST_REST * span, mean))
+    weak = abs(mean) / (FARTHEST_REST * span)
+    fitted = Polynomial([weak * zero, -weak])
+    for degree in (1, 3):
+        nearer = Polynomial.fit(angles, torque, degree).convert()
+        slope = nearer.deriv()
         # further away it is rounding that bends the curve
         roots = [
             float(root.real)
-            for root in fitted.roots()
+            for root in nearer.roots()
             if abs(root.imag) < 1e-9
             and -slope(root.real) > 0.0
             and abs(root.real - middle) <= FARTHEST_REST * span
         ]
         if roots:
+            fitted = nearer
             zero = min(roots, key=lambda root: abs(root - middle))
-            second = fitted.deriv(2)(zero) / 2
-            third = fitted.deriv(3)(zero) / 6
-            spring = {
-                "stiffness": -slope(zero),
-                "rest_angle": zero,
-                "quadratic": -second,
-                "cubic": -third,
-            }
-            return {name: float(f"{size:.6g}") for name, size in spring.items() if size}
-    # the torque does not fall over the range: a weak spring that is relaxed far away
-    mean = float(np.mean(torque))
-    weak = abs(mean) / (FARTHEST_REST * span)
-    return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}
-
-
-def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
-    x = angles - spring.get("rest_angle", 0.0)
-    terms = (spring["stiffness"], spring.get("quadratic", 0.0), spring.get("cubic", 0.0))
-    return float(np.sqrt(np.mean((Polynomial([0.0, *terms])(x) + torque) ** 2)))
+    # about the angle where it is relaxed
+    _, *factors = (-fitted(Polynomial([zero, 1.0])).coef).tolist()
+    spring = {"stiffness": factors[0], "rest_angle": zero} | dict(
+        zip(("quadratic", "cubic"), factors[1:])
+    )
+    rms = float(np.sqrt(np.mean((fitted(angles) - torque) ** 2)))
+    return {name: float(f"{size:.6g}") for name, size in spring.items() if size}, rms

@@ -257,6 +257,8 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     path, equals, value = text.partition("=")
     path = path.strip()
     value = value.strip()
+    if "\n" in value or "\r" in value:
+        raise error(f"--set '{path}': the value has more than one line; give one value")
     if not equals or not path or not value:
         raise error(
             f"--set '{text}': write path=value, e.g. --set joints.finger.friction.coefficient=0.4"
