@@ -22,7 +22,7 @@ import distal
 import distal_command
 from distal.cli import app, main, rig_commands
 from distal.errors import EstimationError
-from distal.rig import edited_text, rig_text
+from distal.rig import edited_text
 
 
 class Ran:
@@ -190,7 +190,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.toml").write_text(rig_text("template")[0])
+    (tmp_path / "mine.toml").write_text(edited_text("template"))
     before = sorted(tmp_path.iterdir())
     for line, said in (
         (f"estimate {log}", "--rig"),

@@ -22,7 +22,7 @@ import distal.logs
 import distal.run
 import distal.simulation
 from distal.export import export_files
-from distal.rig import rig_text
+from distal.rig import edited_text
 from distal.simulation import scenario_text
 from tests.cli.test_cli import refused, run  # noqa: F401
 
@@ -33,7 +33,7 @@ assert "rig.toml" in SCENARIO
 INPUTS = {
     "log.csv": LOG,
     "other.csv": LOG,
-    "rig.toml": "# distal export-c\n" + rig_text("paper-2008-printed")[0],
+    "rig.toml": "# distal export-c\n" + edited_text("paper-2008-printed"),
     "truth.csv": "t,theta\n0,0\n1,0.1\n",
     "do.toml": SCENARIO,
 }

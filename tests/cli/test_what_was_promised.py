@@ -16,7 +16,7 @@ from distal import diagnose, estimate, load_rig, read_log, simulate, write_log
 from distal.cli.shared_options import table
 from distal.logs import Episode, episodes_of
 from distal.rig import shipped_rigs
-from distal.rig.files import rig_text
+from distal.rig.files import edited_text
 from distal.units import rounded
 from tests.cli.test_cli import refused, run  # noqa: F401
 
@@ -105,7 +105,7 @@ def test_log_units_are_in_the_order_of_the_live_estimator(name: str) -> None:
 @pytest.mark.parametrize("name", shipped_rigs())
 def test_a_shipped_rig_names_commands_that_there_are(name: str) -> None:
     known = {"check", "draw", "show", "from-table", "from-orca", "from-mjcf"}
-    assert set(re.findall(r"distal rig ([a-z-]+)", rig_text(name)[0])) <= known
+    assert set(re.findall(r"distal rig ([a-z-]+)", edited_text(name))) <= known
 
 
 def test_fifty_thousand_episodes_are_found_at_once(tmp_path: Path) -> None:

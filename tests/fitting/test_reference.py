@@ -69,7 +69,7 @@ def test_how_sure_a_file_is(hold: bool, value: float, written: float) -> None:
     after = number(start.with_values(assignments([found], start, hold)), path)
     assert after.value == written
     assert after.std == pytest.approx(0.05)
-    assert after.hold is hold
+    assert after.parameter.hold is hold
 
 
 def lacking(*lacks: float) -> Samples:

@@ -13,7 +13,7 @@ from distal.hands import Hand
 from distal.hands.calibrate import calibrate
 from distal.hands.power_on_routine import Routine
 from distal.inverse import Inverse, LiveInverse
-from distal.rig import Rig, rig_text, scales_in_words
+from distal.rig import Rig, edited_text, scales_in_words
 from tests.hands.test_hand import Orca, sound_rig
 
 TIME = np.linspace(0.0, 1.0, 50)
@@ -46,7 +46,7 @@ CALLS: dict[str, Callable[[Rig, Path], object]] = {
 def test_commands_that_keep_tendons_taut_are_refused(
     call: str, scales: tuple[str, ...], tmp_path: Path
 ) -> None:
-    with pytest.raises(distal.DistalError, match=r"needs a true tension.*Measure one true"):
+    with pytest.raises(distal.DistalError, match=r"needs a true tension.*settles it: one true"):
         CALLS[call](taken(*scales), tmp_path)
     assert not (tmp_path / "c").exists()
 
@@ -76,7 +76,7 @@ def test_the_command_is_refused_and_nothing_is_written(
     asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("rig.toml").write_text('taken = ["force"]\n' + rig_text("finger-2n")[0], encoding="utf-8")
+    Path("rig.toml").write_text('taken = ["force"]\n' + edited_text("finger-2n"), encoding="utf-8")
     Path("desired.csv").write_text(
         "t,theta_mcp,theta_pip\n0,0.3,0.4\n1,0.4,0.5\n", encoding="utf-8"
     )

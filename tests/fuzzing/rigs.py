@@ -14,7 +14,7 @@ import tomlkit
 
 from distal.errors import DistalError
 from distal.model import Mechanism, stiffest_frequency, substeps
-from distal.rig import load_rig, rig_text, shipped_rigs
+from distal.rig import edited_text, load_rig, shipped_rigs
 from tests.fuzzing.outcome import BYTES, TAKEN, Outcome, broken, damaged, refusal
 
 VALUES: tuple[Any, ...] = (
@@ -94,7 +94,7 @@ def changed(seed: int) -> tuple[bytes, list[str]]:
         seed: of the changes.
     """
     rng = random.Random(seed)
-    text = rig_text(rng.choice(shipped_rigs()))[0]
+    text = edited_text(rng.choice(shipped_rigs()))
     kind, assignments = rng.randrange(4), list[str]()
     if kind < 2:
         data = damaged(rng, text.encode(), MARKS)

@@ -423,7 +423,7 @@ def test_the_frequency_of_a_chain_is_that_of_its_eigenvalues() -> None:
         (
             "tendons.0.crossings",
             [polynomial([{"powers": [1, 1], "coefficient": 1.0}], [(0, 1)])],
-            "one [low, high] for each",
+            "range: one for each of 2 joints is needed, 1 came",
         ),
         (
             "tendons.0.crossings",

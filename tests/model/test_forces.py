@@ -16,7 +16,8 @@ from distal.model import (
     stretched,
 )
 from distal.model.friction import Limit, capstan_limit, stribeck
-from distal.rig import Linkage, Pinned, Pulley
+from distal.rig import Linkage, Pulley
+from distal.rig.components import Pinned
 from tests.helpers import NaiveRig, finite_difference
 from tests.model.helpers import At, look
 

@@ -60,6 +60,6 @@ def test_a_slack_tendon_pulls_from_its_slack_on() -> None:
     np.testing.assert_allclose(at([0.0, 0.39e-3, 1e-3]), [[0.0, right * 1e-3]])
     np.testing.assert_allclose(at([0.0, 1.4e-3, 0.0]), [[left * 1e-3, 0.0]], atol=1e-12)
     with pytest.raises(
-        RigError, match=r"tendons\.left: slack: a tendon is slack at home, or pulled"
+        RigError, match=r"tendons\.left\.slack: a tendon is slack at home, or pulled"
     ):
         rig.with_values({"tendons.0.pretension": 2.0})

@@ -101,7 +101,7 @@ def test_the_resolution_is_that_of_the_sensors_own_shaft(fields: dict[str, objec
 @pytest.mark.parametrize(
     ("angle", "torque", "said"),
     [
-        ({"unit": "count"}, {}, r"angle: unit: 'count' needs 'counts_per_turn'"),
+        ({"unit": "count"}, {}, r"angle\.unit: 'count' needs 'counts_per_turn'"),
         ({"counts_per_turn": 4096}, {}, r'counts_per_turn: is for a log in counts; give unit = "c'),
         ({**ENCODER, "counts_per_turn": 0}, {}, r"counts_per_turn: must be positive, 0 came"),
         (
@@ -116,7 +116,7 @@ def test_the_resolution_is_that_of_the_sensors_own_shaft(fields: dict[str, objec
         ({}, {**MOTOR, "torque_constant": 1.0}, r"give one of them"),
         ({}, {**MOTOR, "torque_constant_motor": "24 mN", "noise": "20 mA"}, r"motor: unit 'mN'"),
         ({}, {"noise": "20 mA"}, r"noise: unit 'mA' has the wrong dimension"),
-        ({}, {"unit": "count"}, r"torque: unit: 'count' needs"),
+        ({}, {"unit": "count"}, r"torque\.unit: 'count' needs"),
     ],
 )
 def test_what_is_refused(angle: dict[str, Any], torque: dict[str, Any], said: str) -> None:

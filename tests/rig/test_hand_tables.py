@@ -91,7 +91,11 @@ dip,,,,,0 deg,60 deg,pip,0.7
         (",1,-20", ",2,-20", "must be 1 or -1, '2' came"),
         ("1,7,8", "1,0.007,8", "must be from 0.0001 to 0.5 m, 7e-06 came"),
         ("index_mcp,1", "index_mcp,", "needs a motor"),
-        ("index_pip,two", "index_mcp,two", "several lines with different ranges"),
+        (
+            "index_pip,two",
+            "index_mcp,two",
+            "joint 'index_mcp' has several lines with different 'low'",
+        ),
         (
             "two,6.5",
             "1,7",

@@ -71,8 +71,8 @@ def test_a_cell_that_reads_no_torque_of_its_drive_is_asked_about() -> None:
     cell = {"sensors.1.unit": "N", "sensors.1.lever": "6 mm", "sensors.1.noise": "0.2 N"}
     (said,) = doubts(load_rig("capstan-joint").with_values(cell))
     assert "sensor motor_torque is a load cell in one tendon, but motor pulls 2" in said
-    assert doubts(finger()) == []
+    assert not [*doubts(finger())]
     flipped = {f"tendons.flexor.crossings.{i}.side": -1 for i in range(3)}
     (said,) = doubts(finger().with_values(flipped))
     assert said.endswith("a pull is a negative torque: is sign = -1 missing?")
-    assert doubts(finger(sign=-1).with_values(flipped)) == []
+    assert not [*doubts(finger(sign=-1).with_values(flipped))]

@@ -6,7 +6,7 @@ import pytest
 
 from distal import load_rig, shipped_rigs
 from distal.errors import RigError
-from distal.rig import in_words, named, number, rig_text, set_value
+from distal.rig import edited_text, in_words, named, number, set_value
 from distal.rig.files import parse_toml
 from distal.rig.rig import parameters_below
 
@@ -71,7 +71,7 @@ def test_every_parameter_is_reached_by_its_name_and_has_words_of_its_own(name: s
 
 
 def test_a_raw_description_is_named_alike() -> None:
-    raw = parse_toml(rig_text("finger-2n")[0], "finger-2n", RigError)
+    raw = parse_toml(edited_text("finger-2n"), "finger-2n", RigError)
     assert named(raw, "tendons.2.crossings.1.radius") == "tendons.pip_f.crossings.pip.radius"
     set_value(raw, "tendons.pip_f.crossings.pip.radius", 0.001, RigError)
     assert raw["tendons"][2]["crossings"][1]["radius"]["value"] == 0.001

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from distal import Rig, load_rig, shipped_rigs
 from distal.errors import DistalWarning, RigError
-from distal.rig import edited_text, number, rig_text
+from distal.rig import edited_text, number
 
 
 def test_shipped_rigs_load() -> None:
@@ -70,7 +70,7 @@ def test_the_example_of_the_readme_shape(read) -> None:
 
 
 def test_template_is_a_rig(read) -> None:
-    text = rig_text("template")[0]
+    text = edited_text("template")
     assert read(text).name == "My joint"
     # what the template only shows as a comment is right too
     keys = "spring|gravity|stops|external_torque|damping|pretension"
@@ -107,7 +107,7 @@ REFUSED = [
         'sensors.0.measures="command"',
         r"measures = 'command' needs lag, the time constant of the drive's servo",
     ),
-    ("sensors.u1.lag=0.1", r"sensors.*lag: is of a drive that follows a command"),
+    ("sensors.u1.lag=0.1", r"sensors\.u1\.lag: is of a drive that follows a command"),
     ('sensors.1.name="x1"', r"sensors: the name 'x1' stands more than once"),
     ('sensors.1.column="x1"', r"the log column 'x1' stands more than once"),
     ("joints.0.friction.exponent=0.5", r"exponent: must be from 1 to inf, 0.5 came"),
@@ -140,7 +140,7 @@ REFUSED = [
     ("drives.0.mass.value.x=1", r"is not a quantity"),
     ("novalue", r"write path=value"),
     ("drives.0.mass=[1", r"is not TOML"),
-    (f"{'.'.join(['a'] * 2000)}=1", "has 2000 parts; no value of a rig has so many"),
+    (f"{'.'.join(['a'] * 2000)}=1", "unknown key 'a'"),
 ]
 
 

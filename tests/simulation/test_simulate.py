@@ -225,9 +225,9 @@ def test_unknown_scenarios(tmp_path: Path) -> None:
 
 
 def test_a_rig_beside_the_scenario(tmp_path: Path) -> None:
-    from distal.rig import rig_text
+    from distal.rig import edited_text
 
-    (tmp_path / "mine.toml").write_text(rig_text("paper-2008-printed")[0], encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(edited_text("paper-2008-printed"), encoding="utf-8")
     path = scenario(EXAMPLE.replace('"paper-2008-printed"', '"mine.toml"'), tmp_path)
     assert scenario_rig(load_scenario(path)) == load_rig("paper-2008-printed")
 

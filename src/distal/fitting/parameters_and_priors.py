@@ -147,7 +147,7 @@ def assignments(
             share = abs(value / part.value) if part.value else 1.0
             std = max(part.std * share, SMALLEST_RELATIVE_STD * abs(value))
             # a file may have it as a share of the value
-            other = {} if before.drift is None else {"drift": before.drift}
+            other = {} if before.parameter.drift is None else {"drift": before.parameter.drift}
             other |= {"hold": True} if hold else {}
             changed[path] = {"value": rounded, **_spread(part, before, std, value, start), **other}
     return {named(start, path): value for path, value in changed.items()}
@@ -159,13 +159,13 @@ def _spread(
     """Return the std of a value as a file holds it: shared with others where all of them were
     varied by one factor.
     """
-    name = before.shared[0] if before.shared is not None else None
+    shared = before.parameter.shared
     if (
-        name is not None
-        and before.independent_std == 0.0
-        and set(start.sharing()[name]) <= set(part.paths)
+        shared is not None
+        and before.parameter.std == 0.0
+        and set(start.sharing()[shared.name]) <= set(part.paths)
     ):
-        return {"shared": {"name": name, "std": min(1.0, float(f"{std / abs(value):.3g}"))}}
+        return {"shared": {"name": shared.name, "std": min(1.0, float(f"{std / abs(value):.3g}"))}}
     return {"std": float(f"{std:.3g}")}
 
 
@@ -462,7 +462,7 @@ def _uncertain(
         parameters = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
             # a parameter that also errs alone is varied alone, with the std of both errors
-            parameters = [parameter for parameter in parameters if parameter.independent_std == 0.0]
+            parameters = [parameter for parameter in parameters if parameter.parameter.std == 0.0]
         if parameters:
             free.append(free_parameter(rig, parameters, False))
     taken = {path for part in free for path in part.paths} | per_log_paths
@@ -488,7 +488,9 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
         (number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")
     ]
     uncertain = [
-        (bias, per_log) for bias, per_log in parameters if bias.std > 0.0 and not bias.hold
+        (bias, per_log)
+        for bias, per_log in parameters
+        if bias.std > 0.0 and not bias.parameter.hold
     ]
     return [free_parameter(rig, [bias], per_log) for bias, per_log in uncertain]
 
@@ -503,7 +505,7 @@ def _held(rig: Rig) -> list[str]:
             parameter = number(rig, path)
         except RigError:
             continue  # stops, and parameters that follow from others
-        if parameter.std > 0.0 and (parameter.hold or ".hysteresis." in path):
+        if parameter.std > 0.0 and (parameter.parameter.hold or ".hysteresis." in path):
             held.append(path)
     return held
 

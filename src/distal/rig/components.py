@@ -687,21 +687,15 @@ class Polynomial(Description):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        for name in self.joints:
-            if self.joints.count(name) > 1:
-                raise ValueError(f"joints: '{name}' stands more than once")
-        if len(self.range) != len(self.joints):
-            raise ValueError(
-                f"range: one [low, high] for each of {len(self.joints)} joints is needed, "
-                f"{len(self.range)} came"
-            )
-        for i, term in enumerate(self.terms):
-            if len(term.powers) != len(self.joints):
+        counts = {f"terms.{i}.powers": len(term.powers) for i, term in enumerate(self.terms)}
+        for path, count in {"range": len(self.range), **counts}.items():
+            if count != len(self.joints):
                 raise ValueError(
-                    f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, "
-                    f"{len(term.powers)} came"
+                    f"{path}: one for each of {len(self.joints)} joints is needed, {count} came"
                 )
         for j, name in enumerate(self.joints):
+            if name in self.joints[:j]:
+                raise ValueError(f"joints: '{name}' stands more than once")
             if not any(term.powers[j] and term.coefficient.value for term in self.terms):
                 raise ValueError(
                     f"joints: '{name}' has no term with a power of it; leave it out, or add one"

@@ -11,12 +11,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.learned import with_arrays
 from distal.rig.quantities import Raw
 from distal.rig.rig import Rig
 from distal.rig.validation import parse_assignment, set_value, validated
+
+if TYPE_CHECKING:
+    from tomlkit.items import Item
 
 RIGS = "distal.rig"
 """Package with the library of rigs."""
@@ -53,15 +57,6 @@ def description_text(name: str | Path, package: str, kind: str, error: type[Dist
 def shipped_rigs() -> tuple[str, ...]:
     """Return the names of the rigs that come with distal."""
     return shipped_in(RIGS)
-
-
-def rig_text(name: str | Path) -> tuple[str, str]:
-    """Return the text of a shipped rig or of the file at a path, and its name for messages.
-
-    Raises:
-        RigError: the rig is unknown, or its file cannot be read.
-    """
-    return description_text(name, RIGS, "rig", RigError), str(name)
 
 
 def read_text(path: Path, error: type[DistalError]) -> str:
@@ -132,7 +127,8 @@ def _changed(
     """Return the text of a rig file, the paths and values of some assignments, and the rig that
     has these values.
     """
-    text, source = rig_text(name)
+    text = description_text(name, RIGS, "rig", RigError)
+    source = str(name)
     raw = parse_toml(text, source, RigError)
     changed = [parse_assignment(assignment, RigError) for assignment in assignments]
     for path, value in changed:
@@ -208,38 +204,33 @@ def written(raw: Mapping[str, object], source: str) -> str:
     """
     import tomlkit
 
-    document = tomlkit.document()
-    for key, part in raw.items():
-        if isinstance(part, list) and part and isinstance(part[0], dict):
-            tables = tomlkit.aot()
-            for row in part:
-                tables.append(_table(row, source))
-            document.add(key, tables)
-        else:
-            document.add(
-                key,
-                _table(part, source) if isinstance(part, dict) else tomlkit.item(part),
-            )
-    return tomlkit.dumps(document)
+    return tomlkit.dumps(
+        {
+            key: [_commented(row, source) for row in part]
+            if isinstance(part, list)
+            else _commented(part, source)
+            for key, part in raw.items()
+        }
+    )
 
 
-def _table(raw: Raw, source: str) -> object:
-    import tomlkit
-    import tomlkit.items
+def _commented(part: object, source: str) -> object:
+    """Return a table whose values are in one line each, with comments; what is no table stays."""
+    from tomlkit.items import Array
 
-    table = tomlkit.table()
-    for key, part in raw.items():
-        node = tomlkit.item(_inline(part))
-        if isinstance(node, tomlkit.items.Array) and key == "crossings":
-            node.multiline(True)
-        table.add(key, node)
-        guessed = ", ".join(dict.fromkeys(guess.of for guess in guesses(part)))
+    if not isinstance(part, dict):
+        return part
+    lines = {key: _inline(value) for key, value in part.items()}
+    for key, line in lines.items():
+        if isinstance(line, Array) and key == "crossings":
+            line.multiline(True)
+        guessed = ", ".join(dict.fromkeys(guess.of for guess in guesses(part[key])))
         if guessed:
-            table[key].comment(f"not in the {source}: {guessed}")
-    return table
+            line.comment(f"not in the {source}: {guessed}")
+    return lines
 
 
-def _inline(part: object) -> object:
+def _inline(part: object) -> Item:
     """Return a part in one line, each guess in it replaced by its value."""
     import tomlkit
 
@@ -247,12 +238,10 @@ def _inline(part: object) -> object:
         return _inline(part.value)
     if isinstance(part, dict):
         table = tomlkit.inline_table()
-        for key, inner in part.items():
-            table.append(key, _inline(inner))
+        table.update({key: _inline(inner) for key, inner in part.items()})
         return table
     if isinstance(part, list):
         array = tomlkit.array()
-        for inner in part:
-            array.append(_inline(inner))
+        array.extend(map(_inline, part))
         return array
-    return part
+    return tomlkit.item(part)

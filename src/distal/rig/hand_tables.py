@@ -24,9 +24,6 @@ from distal.units import to_si
 COUNTED = ("count", "counts")
 """Units of a `zero` that is given in counts of an encoder, with `counts` in one turn."""
 
-NEEDED = ("joint", "low", "high")
-"""Columns that a table must have."""
-
 _HEADER = re.compile(r"^\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*$")
 
 
@@ -106,20 +103,16 @@ def read_rows(path: Path) -> list[Row]:
     Raises:
         RigError: the file is no such table; says which line and what is allowed.
     """
-    text = read_text(path, RigError).splitlines()
-    names = next((line for line in text if line.strip() and not line.lstrip().startswith("#")), "")
-    lines = enumerate(csv.reader(text, delimiter=max(",;\t", key=names.count)), 1)
-    filled = [
-        (i, line)
-        for i, line in lines
-        if any(cell.strip() for cell in line) and not line[0].lstrip().startswith("#")
-    ]
-    if len(filled) < 2:
+    text = enumerate(read_text(path, RigError).splitlines(), 1)
+    lines = {i: line for i, line in text if line.strip(" ,;\t") and line.lstrip()[0] != "#"}
+    if len(lines) < 2:
         raise RigError(
-            f"{path}: a table has a line of names and one for each joint; {len(filled)} came"
+            f"{path}: a table has a line of names and one for each joint; {len(lines)} came"
         )
-    columns = _header(path, filled[0][1])
-    return [_row(f"{path}: line {i}", columns, line) for i, line in filled[1:]]
+    separator = max(",;\t", key=next(iter(lines.values())).count)
+    names, *rows = csv.reader(lines.values(), delimiter=separator)
+    columns = _header(path, names)
+    return [_row(f"{path}: line {i}", columns, row) for i, row in zip([*lines][1:], rows)]
 
 
 def _header(path: Path, cells: list[str]) -> dict[str, str | None]:
@@ -137,11 +130,6 @@ def _header(path: Path, cells: list[str]) -> dict[str, str | None]:
         if match[2] is not None and Row.model_fields[name].annotation in (str, str | None):
             raise RigError(f"{path}: column '{name}' holds text, '{match[2]}' is no unit of it")
         columns[name] = match[2]
-    missing = [name for name in NEEDED if name not in columns]
-    if missing:
-        raise RigError(
-            f"{path}: column '{missing[0]}' is missing; a table needs {', '.join(NEEDED)}"
-        )
     return columns
 
 
@@ -299,17 +287,11 @@ def hand_of(
     if len(times) > 1:
         raise RigError(f"{title}: logs have one column of time, {', '.join(sorted(times))} came")
     for name, same in joints.items():
-        if len({(row.low, row.high, row.range_std, row.follows) for row in same}) > 1:
-            raise RigError(
-                f"{title}: '{name}' has several lines with different ranges, or joints that it "
-                "follows"
-            )
+        _agree(f"{title}: joint '{name}'", same, "low", "high", "range_std", "follows")
     for name, same in motors.items():
-        if len({(row.spool_radius, row.unit, row.counts, row.torque_constant) for row in same}) > 1:
-            raise RigError(
-                f"{title}: motor '{name}' has several lines with different spools, units or "
-                "constants"
-            )
+        _agree(
+            f"{title}: motor '{name}'", same, "spool_radius", "unit", "counts", "torque_constant"
+        )
         if len({row.joint for row in same}) < len(same):
             raise RigError(f"{title}: motor '{name}' has two lines for one joint")
         if len(same) > 1 and all(row.back == "tendon" for row in same):
@@ -330,6 +312,13 @@ def hand_of(
         ],
     }
     return Imported.of(raw, title, source, notes)
+
+
+def _agree(what: str, rows: Sequence[Row], *fields: str) -> None:
+    """Refuse several lines for one thing that contradict each other."""
+    for field in fields:
+        if len({getattr(row, field) for row in rows}) > 1:
+            raise RigError(f"{what} has several lines with different '{field}'")
 
 
 def _time(column: str) -> Raw:
@@ -408,34 +397,24 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
         for row in rows
     ]
     if len(rows) > 1 or rows[0].back != "tendon":
+        meetings: dict[str, Raw] = {motor: {"side": 1, "crossings": shapes}}
         spread: Raw = {"std": f"{100 * ASSUMED.stiffness_std:g} %"}
-        return [_tendon(motor, motor, {"side": 1, "crossings": shapes}, spread, ASSUMED.loose)]
-    joint = shapes[0]["joint"]
-    insertion = {"kind": "pulley", "radius": _arm(rows[0])}
-    spread = {"shared": {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}}
-    return [
-        _tendon(
-            f"{motor}_{word}",
-            motor,
-            {"joint": joint, "side": side, "insertion": insertion},
-            spread,
-            ASSUMED.slack,
-        )
-        for word, side in (("plus", 1), ("minus", -1))
-    ]
-
-
-def _tendon(name: str, motor: str, meets: Raw, spread: Raw, slack: Guess) -> Raw:
-    """Return a tendon that `meets` its joints, with the `spread` of its stiffness."""
-    return {
-        "name": name,
-        "drive": motor,
-        **meets,
+        slack = ASSUMED.loose
+    else:
+        insertion = {"kind": "pulley", "radius": _arm(rows[0])}
+        meetings = {
+            f"{motor}_{word}": {"joint": shapes[0]["joint"], "side": side, "insertion": insertion}
+            for word, side in (("plus", 1), ("minus", -1))
+        }
+        spread = {"shared": {"name": f"stiffness_{motor}", "std": ASSUMED.stiffness_std}}
+        slack = ASSUMED.slack
+    common: Raw = {
         "stiffness": Guess({"value": ASSUMED.stiffness, **spread}, "stiffness of tendons"),
         "damping": ASSUMED.tendon_damping,
         "slack": slack,
         "path": ASSUMED.path,
     }
+    return [{"name": name, "drive": motor, **meetings[name], **common} for name in meetings]
 
 
 def _arm(row: Row) -> object:
@@ -466,30 +445,26 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
     )
     step: object = f"{360 / (row.counts or ASSUMED.counts):.6g} deg"
     position: Raw = {
-        "name": f"{motor}_position",
-        "measures": "position",
-        "of": motor,
         **logged,
-        "sign": _winds(rows),
-        "rate": ASSUMED.rate,
         "noise": ASSUMED.position_noise,
         "resolution": Guess(step, "counts of encoders") if row.counts is None else step,
         "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
     current: Raw = {
-        "name": f"{motor}_current",
-        "measures": "force",
-        "of": motor,
         "unit": "mA",
         "torque_constant": row.torque_constant or ASSUMED.torque_constant,
-        "sign": _winds(rows),
-        "rate": ASSUMED.rate,
         "noise": ASSUMED.current_noise,
     }
-    for raw, column in ((position, row.position_column), (current, row.current_column)):
-        if column is not None:
-            raw["column"] = column
-    return [position, current]
+    return [
+        {"name": f"{motor}_{name}", "measures": measures, "of": motor}
+        | ({} if column is None else {"column": column})
+        | {"sign": _winds(rows), "rate": ASSUMED.rate}
+        | fields
+        for name, measures, column, fields in (
+            ("position", "position", row.position_column, position),
+            ("current", "force", row.current_column, current),
+        )
+    ]
 
 
 def _encoder(joint: str) -> Raw:
@@ -588,11 +563,6 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
             travel = ends[1] - ends[0]
         if travel is not None:
             ratio = ASSUMED.travel_share * travel / (high - low)
-            if not 0.02 < ratio < 50.0:
-                raise RigError(
-                    f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to "
-                    "50 is possible: are joint_roms, which are degrees, in radians?"
-                )
             raw |= {
                 "ratio_std": ASSUMED.travel_share_std,
                 "spool_radius": ASSUMED.radius / ratio,

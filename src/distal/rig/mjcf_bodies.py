@@ -351,26 +351,19 @@ def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
     return name_of(model.tendon(tendon).name, f"tendon{tendon}")
 
 
+def kept_at(model: mujoco.MjModel, dof: int, joints: Sequence[int]) -> int:
+    """Return the last of the kept `joints` on the way from the base to a degree of freedom, which
+    may be its own, −1 where there is none.
+    """
+    while dof >= 0 and model.dof_jntid[dof] not in joints:
+        dof = model.dof_parentid[dof]
+    return int(model.dof_jntid[dof]) if dof >= 0 else -1
+
+
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return for each body the last one of the kept `joints` on its way from the base, −1 where
-    there is none.
-    """
-    carrier = [-1] * model.nbody
-    for body in range(1, model.nbody):
-        above = carrier[model.body_parentid[body]]
-        carrier[body] = max((j for j in joints if model.jnt_bodyid[j] == body), default=above)
-    return carrier
-
-
-def parent_of(
-    model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]
-) -> int:
-    """Return which of the kept `joints` turns the link on which a joint sits, −1 for none;
-    `carrier` is by `carried_by`.
-    """
-    body = model.jnt_bodyid[joint]
-    above = carrier[model.body_parentid[body]]
-    return max((j for j in joints if model.jnt_bodyid[j] == body and j < joint), default=above)
+    """Return for each body which of the kept `joints` turns it, −1 where none does."""
+    last = [model.body_dofadr[body] + model.body_dofnum[body] - 1 for body in model.body_weldid]
+    return [kept_at(model, dof, joints) for dof in last]
 
 
 def described_joints(
@@ -396,9 +389,11 @@ def described_joints(
     mujoco.mj_comPos(model, data)
     frame = data.xmat[model.jnt_bodyid[joints[0]]].reshape(3, 3)
     carrier = carried_by(model, joints)
+    leads = {pair.follower: pair for pair in coupled}
     described = list[Raw]()
     for j in joints:
-        parent = parent_of(model, j, joints, carrier)
+        dof = model.jnt_dofadr[j]
+        parent = kept_at(model, model.dof_parentid[dof], joints)
         position = data.xanchor[j] - data.xanchor[parent if parent >= 0 else joints[0]]
         raw: Raw = {
             "name": joint_name(model, j),
@@ -408,7 +403,6 @@ def described_joints(
         }
         bodies = [body for body in range(model.nbody) if carrier[body] == j]
         raw |= _link(model, data, bodies, data.xanchor[j], frame, length_unit)
-        dof = model.jnt_dofadr[j]
         raw["inertia"] = max(float(model.dof_armature[dof]) * length_unit**2, SMALLEST_INERTIA)
         raw["damping"] = only_number(model.dof_damping[dof]) * length_unit**2
         loss = float(model.dof_frictionloss[dof]) * length_unit**2
@@ -421,10 +415,9 @@ def described_joints(
             }
         if j in springs:
             raw["spring"] = dict(springs[j])
-        leads = [pair for pair in coupled if pair.follower == j]
-        if leads:
-            name = joint_name(model, leads[0].leader)
-            raw["coupled"] = {"joint": name, "ratio": leads[0].ratio, "offset": leads[0].offset}
+        if j in leads:
+            name = joint_name(model, leads[j].leader)
+            raw["coupled"] = {"joint": name, "ratio": leads[j].ratio, "offset": leads[j].offset}
         else:
             initial = float(model.qpos0[model.jnt_qposadr[j]])
             raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
@@ -445,21 +438,19 @@ def _link(
     """Return the raw link of bodies that move together, in the joint's frame: mass, centre and
     moments of inertia; empty if they are massless.
     """
-    masses = model.body_mass[bodies]
-    if masses.sum() <= 0.0:
+    # about the centre of mass of all: moments and products of inertia, mass times offset, mass
+    whole = data.cinert[bodies].sum(axis=0)
+    mass = float(whole[9])
+    if mass <= 0.0:
         return {}
-    centres = (data.xipos[bodies] - origin) @ frame
-    centre = masses @ centres / masses.sum()
-    moments = np.zeros(3)
-    for mass, position, b in zip(masses, centres, bodies):
-        turned = frame.T @ data.ximat[b].reshape(3, 3)
-        off = position - centre
-        shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
-        moments += np.diag(turned @ np.diag(model.body_inertia[b]) @ turned.T + shift)
+    off = whole[6:9] / mass
+    shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
+    turned = frame.T @ (whole[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]] - shift) @ frame
+    centre = data.subtree_com[model.body_rootid[bodies[0]]] + off - origin
     link = {
-        "mass": float(masses.sum()),
-        "centre": _rounded(centre * length_unit),
-        "inertia": [float(f"{moment:.6g}") for moment in moments * length_unit**2],
+        "mass": mass,
+        "centre": _rounded(centre @ frame * length_unit),
+        "inertia": [float(f"{moment:.6g}") for moment in np.diag(turned) * length_unit**2],
     }
     return {"link": link}
 
@@ -581,8 +572,7 @@ def joint_springs(
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
         if np.abs(torque).max() > 0.0:
             torque *= length_unit**2
-            springs[j] = _as_spring(angles, torque)
-            rms = _left(springs[j], angles, torque)
+            springs[j], rms = _as_spring(angles, torque)
             if rms > 0.05 * np.abs(torque).max():
                 left.append(
                     f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)"
@@ -590,41 +580,35 @@ def joint_springs(
     return springs, left
 
 
-def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
-    """Return the spring whose torque over the range is nearest; where it is relaxed, its stiffness
-    is not negative.
+def _as_spring(angles: Floats, torque: Floats) -> tuple[dict[str, float], float]:
+    """Return the spring whose torque over the range is nearest, and the RMS of what it leaves;
+    where it is relaxed, its stiffness is not negative.
     """
     span = float(angles[-1] - angles[0])
-    for degree in (3, 1):
-        fitted = Polynomial.fit(angles, torque, degree).convert()
-        slope = fitted.deriv()
-        middle = (angles[0] + angles[-1]) / 2
+    middle = (angles[0] + angles[-1]) / 2
+    # where the torque does not fall over the range: a weak spring that is relaxed far away
+    mean = float(np.mean(torque))
+    zero = float(middle + np.copysign(FARTHEST_REST * span, mean))
+    weak = abs(mean) / (FARTHEST_REST * span)
+    fitted = Polynomial([weak * zero, -weak])
+    for degree in (1, 3):
+        nearer = Polynomial.fit(angles, torque, degree).convert()
+        slope = nearer.deriv()
         # further away it is rounding that bends the curve
         roots = [
             float(root.real)
-            for root in fitted.roots()
+            for root in nearer.roots()
             if abs(root.imag) < 1e-9
             and -slope(root.real) > 0.0
             and abs(root.real - middle) <= FARTHEST_REST * span
         ]
         if roots:
+            fitted = nearer
             zero = min(roots, key=lambda root: abs(root - middle))
-            second = fitted.deriv(2)(zero) / 2
-            third = fitted.deriv(3)(zero) / 6
-            spring = {
-                "stiffness": -slope(zero),
-                "rest_angle": zero,
-                "quadratic": -second,
-                "cubic": -third,
-            }
-            return {name: float(f"{size:.6g}") for name, size in spring.items() if size}
-    # the torque does not fall over the range: a weak spring that is relaxed far away
-    mean = float(np.mean(torque))
-    weak = abs(mean) / (FARTHEST_REST * span)
-    return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}
-
-
-def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
-    x = angles - spring.get("rest_angle", 0.0)
-    terms = (spring["stiffness"], spring.get("quadratic", 0.0), spring.get("cubic", 0.0))
-    return float(np.sqrt(np.mean((Polynomial([0.0, *terms])(x) + torque) ** 2)))
+    # about the angle where it is relaxed
+    _, *factors = (-fitted(Polynomial([zero, 1.0])).coef).tolist()
+    spring = {"stiffness": factors[0], "rest_angle": zero} | dict(
+        zip(("quadratic", "cubic"), factors[1:])
+    )
+    rms = float(np.sqrt(np.mean((fitted(angles) - torque) ** 2)))
+    return {name: float(f"{size:.6g}") for name, size in spring.items() if size}, rms

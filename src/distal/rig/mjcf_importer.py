@@ -189,25 +189,15 @@ def described_crossings(
     return crossings, excursion.length_rms * length_unit, notes
 
 
-def described_sensors(tendons: Mapping[str, float], joints: Sequence[str]) -> list[Raw]:
-    """Return the raw sensors: displacement and force of each drive, and an encoder at each joint
-    for learning.
-
-    Args:
-        tendons: name → RMS error that the polynomial leaves of the tendon's length [m].
-    """
-    rows: list[tuple[str, str, str, str, Raw]] = []
-    for name, left in tendons.items():
-        rows.append(("x", "position", name, "m", {"noise": ASSUMED.noise(left)}))
-        rows.append(("u", "force", name, "N", {"noise": ASSUMED.force_noise}))
-    for name in joints:
-        rows.append(("encoder", "angle", name, "rad", {"resolution": ASSUMED.encoder_step}))
-    return [
-        {"name": f"{column}_{name}", "measures": kind, "of": name, "column": f"{column}_{name}"}
-        | {"unit": unit, "rate": ASSUMED.rate}
-        | errors
-        for column, kind, name, unit, errors in rows
-    ]
+def described_sensor(column: str, measures: str, of: str, **errors: object) -> Raw:
+    """Return a raw sensor, which measures something `of` a part, with its `errors`."""
+    return {
+        "name": f"{column}_{of}",
+        "measures": measures,
+        "of": of,
+        "rate": ASSUMED.rate,
+        **errors,
+    }
 
 
 def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
@@ -230,20 +220,11 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
         if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_TENDON:
             elsewhere.append(name)
             continue
-        if (
-            model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_MUSCLE
-            or model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_MUSCLE
-        ):
+        if model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_MUSCLE:
             raise RigError(
                 f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls"
             )
         tendon = int(model.actuator_trnid[a][0])
-        if tendon in driven:
-            left.append(
-                f"actuator '{name}' pulls tendon '{driven[tendon]}', which another pulls too: "
-                "left out"
-            )
-            continue
         driven[tendon] = tendon_name(model, tendon)
     if not model.nu:
         springs = spring_tendons(model)
@@ -313,12 +294,6 @@ def other_joints(
     """
     import mujoco
 
-    kind_of = mujoco.mjtJoint
-    kinds = {
-        kind_of.mjJNT_SLIDE: "slides",
-        kind_of.mjJNT_BALL: "turns every way",
-        kind_of.mjJNT_FREE: "is free",
-    }
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     slopes = np.abs(tendon_slopes(model, data))
@@ -328,11 +303,11 @@ def other_joints(
         for j in range(model.njnt):
             if j in hinges or slopes[t, model.dof_jntid == j].max() <= least:
                 continue
-            kind = kinds.get(kind_of(model.jnt_type[j]))
-            if kind is not None:
+            kind = mujoco.mjtJoint(model.jnt_type[j])
+            if kind != mujoco.mjtJoint.mjJNT_HINGE:
                 raise RigError(
-                    f"tendon '{name}' moves joint '{joint_name(model, j)}', which {kind}; "
-                    "distal's joints turn"
+                    f"tendon '{name}' moves joint '{joint_name(model, j)}', which is no hinge but "
+                    f"{kind.name.removeprefix('mjJNT_').lower()}; distal's joints turn"
                 )
             if turned[t]:
                 notes.append(
@@ -402,8 +377,6 @@ def opened(model: mujoco.MjModel | str | Path) -> tuple[mujoco.MjModel, str]:
     title = "model"
     if isinstance(model, (str, Path)):
         title = Path(model).stem
-        if not Path(model).is_file():
-            raise RigError(f"{model}: there is no such file")
         try:
             model = package.MjModel.from_xml_path(str(model))
         except Exception as problem:
@@ -460,7 +433,6 @@ def from_mujoco(
     if held:
         notes.append(f"no driven tendon turns {', '.join(held)}: held where the model has them")
     pulling = {t: name for t, name in driven.items() if turned[t]}
-    _check_coefficients(model, pulling)
     springs, left = joint_springs(model, kept, length_unit)
     notes += left
     inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
@@ -488,30 +460,26 @@ def from_mujoco(
         "joints": described,
         "drives": [described_drive(model, t, name, length_unit) for t, name in pulling.items()],
         "tendons": tendons,
-        "sensors": described_sensors(off, [joint_name(model, j) for j in kept]),
+        "sensors": [
+            *(
+                sensor
+                for name, left in off.items()
+                for sensor in (
+                    described_sensor("x", "position", name, noise=ASSUMED.noise(left)),
+                    described_sensor("u", "force", name, noise=ASSUMED.force_noise),
+                )
+            ),
+            *(
+                described_sensor(
+                    "encoder", "angle", joint_name(model, j), resolution=ASSUMED.encoder_step
+                )
+                for j in kept
+            ),
+        ],
     }
     imported = Imported.of(raw, title, "model", notes)
     _check_size(imported.rig)
     return imported
-
-
-def _check_coefficients(model: mujoco.MjModel, driven: Mapping[int, str]) -> None:
-    """Raise a `RigError` where a fixed tendon sums angles: its coefficients, larger than the whole
-    model, are no moment arms.
-    """
-    import mujoco
-
-    joint = mujoco.mjtWrap.mjWRAP_JOINT
-    for t, name in driven.items():
-        begin = model.tendon_adr[t]
-        wraps = slice(begin, begin + model.tendon_num[t])
-        sums = model.wrap_prm[wraps][model.wrap_type[wraps] == joint]
-        if np.abs(sums).max(initial=0.0) > model.stat.extent:
-            listed = " and ".join(f"{coefficient:g}" for coefficient in sums)
-            raise RigError(
-                f"the fixed tendon '{name}' sums angles: its coefficients {listed} are no lengths. "
-                'Write the radius of each pulley as its coef, such as coef="0.008" for 8 mm'
-            )
 
 
 def _check_size(rig: Rig) -> None:
@@ -521,6 +489,6 @@ def _check_size(rig: Rig) -> None:
             if abs(arm) > largest:
                 raise RigError(
                     f"tendon '{tendon.name}' has a moment arm of {abs(arm):.3g} m at '{joint}': "
-                    "if the model is in "
-                    "millimetres, give --length-unit mm"
+                    "if the model is in millimetres, give --length-unit mm; the coef of a fixed "
+                    'tendon is the radius of a pulley, such as coef="0.008"'
                 )

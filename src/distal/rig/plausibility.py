@@ -44,26 +44,25 @@ class Number:
 
     Args:
         path: keys and indices joined by dots, names of parts replaced by their indices.
-        value: in SI.
-        std: of all that is not known of the value; 0 where it has none.
         quantity: its unit and bound.
-        is_parameter: whether it may have a std.
-        hold: whether its std is for fitting only.
-        shared: name of the error that it shares with others, and the std of that as a share of the
-            value; None if it shares none.
-        independent_std: of its own error alone.
-        drift: std of its walk, per √s; None where the estimator says.
+        parameter: the number as one that may have a std.
+        is_parameter: whether it may have one.
     """
 
     path: str
-    value: float
-    std: float
     quantity: In
+    parameter: Parameter
     is_parameter: bool
-    hold: bool
-    shared: tuple[str, float] | None
-    independent_std: float
-    drift: float | None
+
+    @property
+    def value(self) -> float:
+        """The value in SI."""
+        return self.parameter.value
+
+    @property
+    def std(self) -> float:
+        """The std of all that is not known of the value; 0 where it has none."""
+        return self.parameter.total_std
 
     @property
     def is_rough(self) -> bool:
@@ -103,18 +102,7 @@ def number(rig: Rig, path: str) -> Number:
             f"joints.{rig.joints[0].name}.inertia"
         )
     known = part if isinstance(part, Parameter) else Parameter(value=part)
-    shared = known.shared
-    return Number(
-        ".".join(keys),
-        known.value,
-        known.total_std,
-        quantity,
-        known is part,
-        known.hold,
-        (shared.name, shared.std) if shared is not None and shared.std > 0.0 else None,
-        known.std,
-        known.drift,
-    )
+    return Number(".".join(keys), quantity, known, known is part)
 
 
 SETTLED_BY = {
@@ -131,9 +119,9 @@ def scales_in_words(rig: Rig) -> str:
     which = " and ".join(rig.taken)
     wanting = "; ".join(SETTLED_BY[scale] for scale in rig.taken)
     return (
-        f"the scale of {which} is assumed, not measured: angles do not depend on it, forces, "
-        f"torques and stiffnesses do. One measurement settles it: {wanting}. Correct it in the rig "
-        "file and remove it from 'taken'"
+        f"the scale of {which} of '{rig.name}' is assumed, not measured: angles do not depend on "
+        "it, forces, torques and stiffnesses do. One measurement settles it: "
+        f"{wanting}. Correct it in the rig file and remove it from 'taken'"
     )
 
 
@@ -153,15 +141,8 @@ def check_scales(rig: Rig, purpose: str, needs: Literal["tension", "torque"]) ->
             f"{purpose} needs a filter, and that of '{rig.name}' could not follow the logs of its "
             "fit. Fit again to other logs, or from a rig file with better values"
         )
-    needed = ("force", "length") if needs == "tension" else ("force",)
-    lacking = [scale for scale in needed if scale in rig.taken]
-    if lacking:
-        raise CommandError(
-            f"{purpose} needs a true {needs}, but the scale of {' and '.join(lacking)} of "
-            f"'{rig.name}' is assumed, not measured. Measure "
-            f"{'; '.join(SETTLED_BY[scale] for scale in lacking)}; correct it in the rig file and "
-            "remove it from 'taken'"
-        )
+    if set(rig.taken) & ({"force", "length"} if needs == "tension" else {"force"}):
+        raise CommandError(f"{purpose} needs a true {needs}, but {scales_in_words(rig)}")
 
 
 USUAL: dict[str, tuple[float, float, str]] = {
@@ -176,15 +157,14 @@ USUAL: dict[str, tuple[float, float, str]] = {
 SI unit."""
 
 
-def doubts(rig: Rig) -> list[str]:
-    """Return a sentence for each value of a rig that is allowed but is probably a mistake."""
-    sentences = []
+def doubts(rig: Rig) -> Iterator[str]:
+    """Yield a sentence for each value of a rig that is allowed but is probably a mistake."""
     for path, parameter in parameters_below(rig):
         size = abs(parameter.value)
         low, high, unit = USUAL.get(path.rpartition(".")[2], (0.0, inf, ""))
         is_usual = size == 0.0 or low <= size <= high
         if not is_usual and number(rig, path).quantity.si == unit:
-            sentences.append(
+            yield (
                 f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is "
                 "usual: is its unit there?"
             )
@@ -194,32 +174,29 @@ def doubts(rig: Rig) -> list[str]:
             for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ()))
         )
         if away > USUAL["offset"][1]:
-            sentences.append(
-                f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?"
-            )
+            yield (f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?")
         swings = joint.coupled is None and joint.damping.absent and joint.friction is None
         if rig.is_chain and len(rig.joints) > 1 and swings:
-            sentences.append(
+            yield (
                 f"joint {joint.name} has neither friction nor damping: nothing stops it from "
                 "swinging"
             )
     for drive in rig.drives:
         if drive.name not in [sensor.of for sensor in rig.sensors_of("position")]:
-            sentences.append(
+            yield (
                 f"drive {drive.name} has no position sensor: its place has to be guessed from "
                 "forces"
             )
-    sentences += _doubted_sensors(rig)
+    yield from _doubted_sensors(rig)
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}
         turned = (joint.spring, joint.extension_spring, joint.gravity, joint.link, joint.coupled)
         if len(sides) == 1 and not any(turned) and joint.external_torque.std == 0.0:
-            sentences.append(
+            yield (
                 f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it "
                 "back: is one side wrong?"
             )
-    return sentences
 
 
 def _doubted_sensors(rig: Rig) -> Iterator[str]:

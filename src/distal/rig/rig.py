@@ -7,18 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 from scipy.sparse.csgraph import connected_components
 
 from distal.arrays import Floats
-from distal.errors import RigError, did_you_mean
+from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.components import BASE, Base, Drive, Joint, Tendon
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.quantities import Description, Duration, Parameter, Rate
-from distal.rig.sensors import MEASURED, Sensor, in_its_unit, log_factor, measurand_of
+from distal.rig.sensors import Sensor, in_its_unit, log_factor, measurand_of, part_of
 from distal.rig.validation import named, set_value, validated
 from distal.units import unit_factor
 
@@ -72,7 +72,7 @@ class Rig(Description):
     )
     drives: tuple[Drive, ...] = Field(min_length=1)
     tendons: tuple[Tendon, ...] = Field(min_length=1)
-    sensors: tuple[Sensor, ...] = ()
+    sensors: tuple[Annotated[Sensor, BeforeValidator(in_its_unit)], ...] = ()
     stepping: Stepping = Stepping()
     when_lost: Literal["hold", "relax"] = Field(
         "hold",
@@ -86,115 +86,17 @@ class Rig(Description):
     map: LearnedMaps | None = None
     left_out: LeftOut | None = None
 
-    @field_validator("joints")
-    @classmethod
-    def _chained(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
-        for i, joint in enumerate(joints):
-            _check_position(i, joint, [before.name for before in joints[:i]])
-            _check_coupling(i, joint, joints[:i])
-        return joints
-
-    @field_validator("tendons")
-    @classmethod
-    def _tendons_fit(cls, tendons: tuple[Tendon, ...], info: ValidationInfo) -> tuple[Tendon, ...]:
-        if not {"joints", "drives"} <= info.data.keys():
-            return tendons
-        for i, tendon in enumerate(tendons):
-            for role, desired in (("joint", tendon.joints), ("drive", (tendon.drive,))):
-                names = [part.name for part in info.data[f"{role}s"]]
-                for name in desired:
-                    if name not in names:
-                        raise ValueError(
-                            f"{i}.{role}: no {role} is called '{name}'{did_you_mean(name, names)}"
-                        )
-        return tendons
-
-    @field_validator("sensors", mode="before")
-    @classmethod
-    def _sensor_units(cls, raw: object, info: ValidationInfo) -> object:
-        """Find what each sensor measures, so that its errors are read in the right unit."""
-        if not MEASURED.keys() <= info.data.keys():
-            # a part is refused already; a check of its sensors would only repeat that
-            return ()
-        if not isinstance(raw, Sequence) or isinstance(raw, str):
-            return raw
-        return [in_its_unit(table, i, info.data) for i, table in enumerate(raw)]
-
-    @field_validator("sensors")
-    @classmethod
-    def _log_units(cls, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
-        for i, sensor in enumerate(sensors):
-            try:
-                log_factor(sensor)
-            except ValueError as error:
-                raise ValueError(f"{i}.unit: {error}") from None
-        return sensors
-
-    @field_validator("map")
-    @classmethod
-    def _map_fits(cls, learned: LearnedMaps | None, info: ValidationInfo) -> LearnedMaps | None:
-        if learned is None or not {"sensors", *MEASURED} <= info.data.keys():
-            return learned
-        sensors, joints = (
-            [part.name for part in info.data[kind]] for kind in ("sensors", "joints")
-        )
-        for name, each in learned.named().items():
-            for channel in each.channels:
-                if channel not in sensors:
-                    raise ValueError(
-                        f"{name}.channels: no sensor is called "
-                        f"'{channel}'{did_you_mean(channel, sensors)}"
-                    )
-        for kind in KINDS:
-            named = [joint for each in getattr(learned, kind) for joint in each.joints]
-            if kind == "efforts":
-                if not set(named) <= set(sensors):
-                    raise ValueError(f"efforts: each is one of the sensors ({', '.join(sensors)})")
-            elif named and sorted(named) != sorted(joints):
-                raise ValueError(f"{kind}: each joint is needed once ({', '.join(joints)})")
-        return learned
-
     @model_validator(mode="after")
     def _whole(self) -> Self:
         unit_factor(self.log.time.unit, "s")
         for kind, components in self.components.items():
-            names = [component.name for component in components]
-            _distinct(names, f"{kind}: the name")
-            for name in names:
-                # states are written as theta_NAME, position_NAME and, with _std behind it, their
-                # standard deviations
-                if name in ("std", "dot") or name.endswith("_std"):
-                    raise ValueError(
-                        f"{kind}: the name '{name}' would be mistaken for a column of an "
-                        "estimate; choose another"
-                    )
-        for drive in self.drives:
-            if not self.tendons_of(drive.name):
-                raise ValueError(
-                    f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's "
-                    "'drive'"
-                )
-        crossed = {name for tendon in self.tendons for name in tendon.joints}
-        crossed |= {
-            joint.coupled.joint
-            for joint in self.joints
-            if joint.coupled is not None and joint.name in crossed
-        }
-        for joint in self.joints:
-            if joint.name not in crossed and joint.coupled is None:
-                raise ValueError(
-                    f"joints: no tendon crosses '{joint.name}', so nothing tells where it is; "
-                    "name it in a tendon, or give "
-                    "'coupled'"
-                )
-        columns = [sensor.log_column for sensor in self.sensors]
-        for column in columns:
-            if column.startswith("true_"):
-                raise ValueError(
-                    f"sensors: the log column '{column}' begins with 'true_', which is kept for "
-                    "the truth"
-                )
-        _distinct([*columns, self.log.time.column], "sensors: the log column")
+            _check_names(kind, [component.name for component in components])
+        for i, joint in enumerate(self.joints):
+            _check_position(i, joint, self.joint_names[:i])
+            _check_coupling(i, joint, self.joints[:i])
+        _check_tendons(self)
+        _check_columns(self)
+        _check_maps(self)
         _share_alike(self)
         _plays_apart(self)
         for i, joint in enumerate(self.joints):
@@ -203,8 +105,7 @@ class Rig(Description):
             exponent = joint.friction.exponent
             if (exponent.value, exponent.filter_std) != (1.0, 0.0):
                 raise ValueError(
-                    f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' "
-                    "load "
+                    f"joints.{i}.friction: an exponent other than 1 needs a 'reference' load "
                     "(or a preload, a pretension or a nominal_force to take it from)"
                 )
         return self
@@ -340,33 +241,47 @@ class Rig(Description):
         """
         if not isinstance(values, Mapping) or not all(isinstance(path, str) for path in values):
             raise RigError(f"with_values takes a mapping from path to value, {values!r} came")
-        raw = self.model_dump()
+        raw = self.bare().model_dump(mode="json") | {"map": self.map, "left_out": self.left_out}
         for path, value in values.items():
             set_value(raw, path, value, RigError)
         return validated(Rig, raw, self.name, RigError)
+
+
+def _look_up(name: str, names: Sequence[str], place: str, kind: str) -> None:
+    """Refuse a name, at a place in the description, that none of a kind of parts has."""
+    if name not in names:
+        raise ValueError(f"{place}: no {kind} is called '{name}'{did_you_mean(name, names)}")
+
+
+def _check_names(kind: str, names: Sequence[str]) -> None:
+    _distinct(names, f"{kind}: the name")
+    for name in names:
+        # states are written as theta_NAME, position_NAME and, with _std behind it, their standard
+        # deviations
+        if name in ("std", "dot") or name.endswith("_std"):
+            raise ValueError(
+                f"{kind}: the name '{name}' would be mistaken for a column of an estimate; choose "
+                "another"
+            )
 
 
 def _check_position(index: int, joint: Joint, before: Sequence[str]) -> None:
     """Raise an error for a joint without its parent, or with keys that its position does not
     allow.
     """
+    at = f"joints.{index}"
     if joint.name == BASE:
-        raise ValueError(f"{index}.name: '{BASE}' is what the first joint sits on; choose another")
-    if joint.parent is not None and joint.parent != BASE and joint.parent not in before:
-        raise ValueError(
-            f"{index}.parent: no joint before it is called "
-            f"'{joint.parent}'{did_you_mean(joint.parent, [BASE, *before])}"
-        )
+        raise ValueError(f"{at}.name: '{BASE}' is what the first joint sits on; choose another")
+    if joint.parent is not None:
+        _look_up(joint.parent, [BASE, *before], f"{at}.parent", "joint before it")
     if joint.gravity is None:
         return
     if joint.link is not None:
-        raise ValueError(
-            f"{index}.gravity: the link's mass and centre say it already; leave out one"
-        )
+        raise ValueError(f"{at}.gravity: the link's mass and centre say it already; leave out one")
     if before and joint.parent != BASE:
         raise ValueError(
-            f'{index}.gravity: is for a joint on the base (parent = "{BASE}"); on a chain give '
-            "its 'link' mass and centre"
+            f'{at}.gravity: is for a joint on the base (parent = "{BASE}"); on a chain give its '
+            "'link' mass and centre"
         )
 
 
@@ -374,28 +289,78 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
     """Refuse a coupling to nothing, and what a coupled joint cannot have."""
     if joint.coupled is None:
         return
+    leader = joint.coupled.joint
     free = [preceding.name for preceding in before if preceding.coupled is None]
-    if joint.coupled.joint not in free:
-        raise ValueError(
-            f"{index}.coupled.joint: no free joint before it is called '{joint.coupled.joint}'"
-            f"{did_you_mean(joint.coupled.joint, free)}"
-        )
+    _look_up(leader, free, f"joints.{index}.coupled.joint", "free joint before it")
     if joint.coupled.ratio == 0.0:
-        raise ValueError(f"{index}.coupled.ratio: must not be zero")
-    for name, is_given in (
-        ("stops", joint.stops is not None),
-        ("backlash", joint.backlash is not None),
-        ("external_torque", joint.external_torque.std > 0.0),
-        ("initial", joint.initial.value != 0.0 or joint.initial.std > 0.0),
-    ):
-        if is_given:
+        raise ValueError(f"joints.{index}.coupled.ratio: must not be zero")
+    for name in ("stops", "backlash", "external_torque", "initial"):
+        if getattr(joint, name) != Joint.model_fields[name].default:
             raise ValueError(
-                f"{index}.{name}: is not supported on a coupled joint; give it to "
-                f"'{joint.coupled.joint}'"
+                f"joints.{index}.{name}: is not supported on a coupled joint; give it to '{leader}'"
             )
 
 
-def _distinct(names: list[str], what: str) -> None:
+def _check_tendons(rig: Rig) -> None:
+    """Refuse tendons without their joints and drive, and joints and drives without a tendon."""
+    for i, tendon in enumerate(rig.tendons):
+        for name in tendon.joints:
+            _look_up(name, rig.joint_names, f"tendons.{i}.joint", "joint")
+        _look_up(tendon.drive, rig.drive_names, f"tendons.{i}.drive", "drive")
+    for drive in rig.drives:
+        if not rig.tendons_of(drive.name):
+            raise ValueError(
+                f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's "
+                "'drive'"
+            )
+    crossed = {name for tendon in rig.tendons for name in tendon.joints}
+    crossed |= {
+        joint.coupled.joint
+        for joint in rig.joints
+        if joint.coupled is not None and joint.name in crossed
+    }
+    for joint in rig.joints:
+        if joint.name not in crossed and joint.coupled is None:
+            raise ValueError(
+                f"joints: no tendon crosses '{joint.name}', so nothing tells where it is; name it "
+                "in a tendon, or give 'coupled'"
+            )
+
+
+def _check_columns(rig: Rig) -> None:
+    """Refuse units of the log that are not those of its columns, and columns of two meanings."""
+    for i, sensor in enumerate(rig.sensors):
+        try:
+            log_factor(sensor)
+        except UnitError as error:
+            raise ValueError(f"sensors.{i}.unit: {error}") from None
+        if sensor.log_column.startswith("true_"):
+            raise ValueError(
+                f"sensors: the log column '{sensor.log_column}' begins with 'true_', which is kept "
+                "for the truth"
+            )
+    columns = [sensor.log_column for sensor in rig.sensors]
+    _distinct([*columns, rig.log.time.column], "sensors: the log column")
+
+
+def _check_maps(rig: Rig) -> None:
+    """Refuse learned maps of other joints or sensors than the rig has."""
+    learned = LearnedMaps() if rig.map is None else rig.map
+    for name, each in learned.named().items():
+        for channel in each.channels:
+            _look_up(channel, rig.sensor_names, f"map.{name}.channels", "sensor")
+    for kind in KINDS:
+        of = [joint for each in getattr(learned, kind) for joint in each.joints]
+        if kind == "efforts":
+            for name in of:
+                _look_up(name, rig.sensor_names, "map.efforts", "sensor")
+        elif of and sorted(of) != sorted(rig.joint_names):
+            raise ValueError(
+                f"map.{kind}: each joint is needed once ({', '.join(rig.joint_names)})"
+            )
+
+
+def _distinct(names: Sequence[str], what: str) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{what} '{name}' stands more than once; names must differ")
@@ -524,56 +489,52 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
 
     A rig that cannot be split is returned whole; its parts have no learned maps.
     """
-    joints = rig.joint_names
     together = [_joints_of(rig, f"drives.{d}") for d in range(len(rig.drives))]
     for i, joint in enumerate(rig.joints):
         parent = rig.parent_of(i)
         if parent is not None:
-            together.append([joint.name, joints[parent]])
+            together.append([i, parent])
         if joint.coupled is not None:
-            together.append([joint.name, joint.coupled.joint])
+            together.append([i, rig.joint_names.index(joint.coupled.joint)])
     for sharing in rig.sharing().values():
-        together.append([name for path in sharing for name in _joints_of(rig, path)])
-    linked = np.zeros((len(joints), len(joints)))
-    for names in together:
-        at = [joints.index(name) for name in names]
-        linked[np.ix_(at, at)] = 1.0
+        together.append([j for path in sharing for j in _joints_of(rig, path)])
+    linked = np.zeros((len(rig.joints), len(rig.joints)))
+    for joints in together:
+        linked[np.ix_(joints, joints)] = 1.0
     count, groups = connected_components(linked, directed=False)
     if count == 1:
         indices = {kind: tuple(range(len(every))) for kind, every in rig.components.items()}
         return (Subsystem(rig, indices),)
     return tuple(
-        _part(rig, [name for name, alone in zip(joints, groups) if alone == group])
-        for group in dict.fromkeys(groups)
+        _part(rig, np.flatnonzero(groups == group).tolist()) for group in dict.fromkeys(groups)
     )
 
 
-def _joints_of(rig: Rig, path: str) -> list[str]:
+def _joints_of(rig: Rig, path: str) -> list[int]:
     """Return the joints that the number at a path belongs to, or that its tendon or drive moves."""
-    kind, index = path.split(".")[:2]
+    kind, index, _ = _split(path)
     at = int(index)
     if kind == "joints":
-        return [rig.joint_names[at]]
+        return [at]
     pulled = [rig.tendons[at]] if kind == "tendons" else rig.tendons_of(rig.drive_names[at])
-    return [name for tendon in pulled for name in tendon.joints]
+    return [rig.joint_names.index(name) for tendon in pulled for name in tendon.joints]
 
 
-def _part(rig: Rig, names: list[str]) -> Subsystem:
-    pulling = [tendon for tendon in rig.tendons if tendon.joints[0] in names]
-    alone = {
-        "joints": names,
-        "drives": [tendon.drive for tendon in pulling],
-        "tendons": [tendon.name for tendon in pulling],
-    }
-    alone["sensors"] = [s.name for s in rig.sensors if s.of in alone[measurand_of(s).of]]
-    chosen = {
-        kind: tuple(i for i, part in enumerate(rig.components[kind]) if part.name in own)
-        for kind, own in alone.items()
-    }
+def _part(rig: Rig, joints: Sequence[int]) -> Subsystem:
+    names = [rig.joint_names[j] for j in joints]
+    tendons = [i for i, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
+    pulled = {rig.tendons[i].drive for i in tendons}
+    drives = [i for i, name in enumerate(rig.drive_names) if name in pulled]
+    chosen = {"joints": tuple(joints), "drives": tuple(drives), "tendons": tuple(tendons)}
+    chosen["sensors"] = tuple(
+        i
+        for i, sensor in enumerate(rig.sensors)
+        if part_of(sensor, rig) in chosen[measurand_of(sensor).of]
+    )
     parts: dict[str, object] = {
         kind: tuple(rig.components[kind][i] for i in indices) for kind, indices in chosen.items()
     }
-    parents = {j: rig.parent_of(j) for j in chosen["joints"]}
+    parents = {j: rig.parent_of(j) for j in joints}
     parts["joints"] = tuple(
         rig.joints[j].model_copy(update={"parent": BASE if on is None else rig.joint_names[on]})
         for j, on in parents.items()

@@ -5,13 +5,14 @@ numbers and SI. A further kind is a class, a line in `MEASURANDS`, and its class
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import pi
 from typing import Annotated, Literal, Protocol, Self, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
+from pydantic_core import PydanticOmit
 
 from distal.confidence import BAND
 from distal.errors import UnitError, did_you_mean
@@ -69,13 +70,13 @@ def _in_si(error: object, unit: str, size: float) -> object:
         return {
             key: _in_si(part, unit, size) if key in spreads else part for key, part in error.items()
         }
-    if not isinstance(error, str):
-        return error
-    number, _, suffix = error.strip().rpartition(" ")
     try:
-        if unit == "count":
-            return to_si(number.strip(), "") * size if suffix in COUNTS else error
-        return to_si(error, unit) * size
+        if not isinstance(error, str):
+            return error
+        number, _, suffix = error.strip().rpartition(" ")
+        if unit != "count":
+            return to_si(error, unit) * size
+        return to_si(number.strip(), "") * size if suffix in COUNTS else error
     except UnitError:
         return error
 
@@ -113,27 +114,28 @@ class SensorBase(Description):
         if not isinstance(raw, Mapping):
             return raw
         try:
-            scale = cls._counting(raw)
-            is_counted = scale is not None and scale[0] == "count"
-            gear = to_si(raw.get("gear", 1.0), "") if is_counted else 1.0
+            unit, size = cls._logged(raw)
+            if raw.get("unit") is not None and raw["unit"] not in COUNTS:
+                unit_factor(str(raw["unit"]), unit)
+            gear = to_si(raw.get("gear", 1.0), "") if unit == "count" else 1.0
         except (UnitError, ZeroDivisionError):
             # the wrong field is refused later; until then the unit of the errors is not known
             return {key: value for key, value in raw.items() if key not in ERRORS}
-        if scale is None:
-            return raw
-        unit, unit_size = scale
-        if is_counted and raw.get("unit") in COUNTS:
+        if unit == "count" and raw.get("unit") in COUNTS:
             raw = {"resolution": "1 count", **raw}  # one count is the smallest step
-        sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
-        errors = {key: _in_si(raw[key], unit, size) for key, size in sizes.items() if key in raw}
+        sizes = {key: size * (gear if key == "resolution" else 1.0) for key in ERRORS}
+        errors = {key: _in_si(raw[key], unit, sizes[key]) for key in ERRORS if key in raw}
         return {**raw, **errors}
 
     @classmethod
-    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
-        """Return the unit in which the log may count instead of SI, and its size in SI; None where
-        there is no such unit.
-        """
-        return None
+    def _logged(cls, raw: Mapping[str, object]) -> tuple[str, float]:
+        """Return `logged` of a raw or a checked sensor."""
+        return str(raw.get("si")), 1.0
+
+    @property
+    def logged(self) -> tuple[str, float]:
+        """Unit of what the log holds, SI or counts, and what one such unit stands for in SI."""
+        return self._logged(vars(self))
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -259,9 +261,9 @@ class AngleSensor(SensorBase):
     bias: AnyAngle = OFFSET
 
     @classmethod
-    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
+    def _logged(cls, raw: Mapping[str, object]) -> tuple[str, float]:
         if raw.get("counts_per_turn") is None:
-            return None
+            return super()._logged(raw)
         return "count", 2 * pi / (
             to_si(raw["counts_per_turn"], "") * to_si(raw.get("gear", 1.0), "")
         )
@@ -378,23 +380,15 @@ class TorqueSensor(SensorBase):
     gain: Gain = ONE
 
     @classmethod
-    def _per_unit(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
-        """Return `logged` of a raw or a checked sensor, None where the log holds a torque."""
+    def _logged(cls, raw: Mapping[str, object]) -> tuple[str, float]:
         if raw.get("torque_constant") is not None:
             return "A", to_si(raw["torque_constant"], "N m/A")
         if raw.get("torque_constant_motor") is not None:
             motor = to_si(raw["torque_constant_motor"], "N m/A")
             return "A", motor * to_si(raw.get("gear", 1.0), "")
-        return ("N", to_si(raw["lever"], "m")) if raw.get("lever") is not None else None
-
-    @classmethod
-    def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
-        unit = raw.get("unit")
-        per_unit = cls._per_unit(raw)
-        if per_unit is None and isinstance(unit, str) and unit not in COUNTS:
-            # a wrong unit is refused here, before the errors that are written in it
-            unit_factor(unit, "N m")
-        return per_unit
+        if raw.get("lever") is not None:
+            return "N", to_si(raw["lever"], "m")
+        return super()._logged(raw)
 
     @model_validator(mode="after")
     def _one_constant(self) -> Self:
@@ -413,13 +407,6 @@ class TorqueSensor(SensorBase):
                 "are at the capstan"
             )
         return self
-
-    @property
-    def logged(self) -> tuple[str, float]:
-        """SI unit of what the log holds (N m, A or N), and the torque at the capstan [N m] that one
-        such unit stands for.
-        """
-        return self._per_unit(vars(self)) or (self.si, 1.0)
 
 
 def largest_effort(rig: Parts, drive: int) -> float:
@@ -513,49 +500,43 @@ MEASURED = {
 """Kind of part → names of what can be measured of it."""
 
 
-def in_its_unit(
-    raw: object, index: int, parts: Mapping[str, Sequence[Part]]
-) -> Mapping[str, object]:
-    """Return the raw table of a sensor with its SI unit.
-
-    Args:
-        index: of the table in the rig file, for messages.
-        parts: kind → the parts of the rig.
+def in_its_unit(raw: object, info: ValidationInfo) -> object:
+    """Return the raw table of a sensor with its SI unit; `info` has the parts of the rig.
 
     Raises:
         ValueError: the table names no part, or one of which this cannot be measured.
     """
+    parts: Mapping[str, Sequence[Part]] = info.data
+    if not MEASURED.keys() <= parts.keys():
+        # a part is refused already; a check of its sensors would only repeat that
+        raise PydanticOmit
     if not isinstance(raw, Mapping):
-        raise ValueError(f"{index}: a sensor is a table, {raw!r} came")
+        return raw
     if raw.get("measures") == "command":
         if "lag" not in raw:
             raise ValueError(
-                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo "
-                '("50 ms")'
+                "measures = 'command' needs lag, the time constant of the drive's servo (\"50 ms\")"
             )
         raw = {**raw, "measures": "position"}
-    measures = raw.get("measures")
-    of = raw.get("of")
-    if measures is None or of is None:
+    if not {"measures", "of"} <= raw.keys():
         return {**raw, "si": "m"}  # pydantic says what is missing
+    measures = raw["measures"]
+    of = str(raw["of"])
     kind = MEASURANDS.get(str(measures))
     if kind is None:
         *names, last = (f"'{name}'" for name in MEASURANDS)
+        raise ValueError(f"measures: must be {', '.join(names)} or {last}, {measures!r} came")
+    by_name = {part.name: part for part in parts[kind.of]}
+    if of not in by_name:
         raise ValueError(
-            f"{index}.measures: must be {', '.join(names)} or {last}, {measures!r} came"
+            f"of: no {kind.of[:-1]} is called '{of}'{_elsewhere(of, kind, parts, by_name)}"
         )
-    names_of_parts = [part.name for part in parts[kind.of]]
-    if of not in names_of_parts:
-        raise ValueError(
-            f"{index}.of: no {kind.of[:-1]} is called "
-            f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
-        )
-    is_capstan = isinstance(parts[kind.of][names_of_parts.index(of)], Capstan)
+    is_capstan = isinstance(by_name[of], Capstan)
     return {**raw, "si": kind.unit_of_capstan if is_capstan else kind.unit}
 
 
 def _elsewhere(
-    of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]
+    of: str, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: Iterable[str]
 ) -> str:
     """Return a hint for a message: a sensor's part is of another kind, or names that may
     be meant.
@@ -566,7 +547,7 @@ def _elsewhere(
             is_motor = (kind_of_part, kind.name) == ("drives", "torque")
             hint = "; the torque of a capstan's motor is its force" if is_motor else ""
             return f", it is one of the {kind_of_part}: measures must be {allowed}{hint}"
-    return did_you_mean(str(of), names)
+    return did_you_mean(of, names)
 
 
 def measurand_of(sensor: Sensor) -> Measurand:
@@ -606,15 +587,15 @@ def log_factor(sensor: Sensor) -> float:
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
     """
-    if isinstance(sensor, AngleSensor):
-        counted = sensor._counting(vars(sensor))
-        return counted[1] if counted else unit_factor(sensor.unit or "rad", "rad") / sensor.gear
-    unit, size = sensor.logged if isinstance(sensor, TorqueSensor) else (sensor.si, 1.0)
+    unit, size = sensor.logged
+    if unit == "count":
+        return size
     try:
-        return size * unit_factor(sensor.unit or unit, unit)
+        factor = size * unit_factor(sensor.unit or unit, unit)
     except UnitError as problem:
         needs = "; a load cell in N needs its lever, a current a torque_constant"
         raise UnitError(f"{problem}{needs if unit == 'N m' else ''}") from None
+    return factor / sensor.gear if isinstance(sensor, AngleSensor) else factor
 
 
 def angle_unit(sensors: Sequence[Sensor]) -> str:
@@ -631,4 +612,4 @@ def angle_unit(sensors: Sequence[Sensor]) -> str:
 
 def log_unit(sensor: Sensor) -> str:
     """Return the unit of a sensor's numbers in the log."""
-    return sensor.unit or (sensor.logged[0] if isinstance(sensor, TorqueSensor) else sensor.si)
+    return sensor.unit or sensor.logged[0]

@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
 from copy import deepcopy
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -26,7 +26,11 @@ def angle_names(joints: Sequence[str]) -> tuple[str, ...]:
 
     A standard deviation has ``_std`` behind it (`std_name`), a speed ``_dot`` (`speed_names`).
     """
-    return ("theta",) if len(joints) == 1 else tuple(f"theta_{joint}" for joint in joints)
+    return _names_of("theta", joints)
+
+
+def _names_of(quantity: str, joints: Sequence[str]) -> tuple[str, ...]:
+    return (quantity,) if len(joints) == 1 else tuple(f"{quantity}_{joint}" for joint in joints)
 
 
 def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
@@ -38,11 +42,7 @@ def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the external torques on the joints: ``external_torque``, or
     ``external_torque_JOINT``.
     """
-    return (
-        ("external_torque",)
-        if len(joints) == 1
-        else tuple(f"external_torque_{joint}" for joint in joints)
-    )
+    return _names_of("external_torque", joints)
 
 
 def std_name(name: str) -> str:
@@ -185,7 +185,11 @@ def validated(
         raise error(f"{source}: nested too deeply") from None
 
 
-WORDED = {"missing": "is missing", "too_short": "at least one is needed"}
+WORDED = {
+    "missing": "is missing",
+    "union_tag_not_found": "is missing",
+    "too_short": "at least one is needed",
+}
 """Kind of problem by pydantic → what is said of it."""
 
 NEEDED = {"tuple_type": "a list", "list_type": "a list"} | dict.fromkeys(
@@ -204,52 +208,40 @@ def explain(problem: ValidationError, source: str, raw: Mapping[str, object]) ->
     """Return pydantic's findings as one line that begins with the `source`: the first `SHOWN` in
     words, and the number of the others.
     """
-    findings = problem.errors(include_url=False)
+    every = problem.errors(include_url=False)
     # a list whose items are all wrong is not short of items
-    inner = [finding["loc"] for finding in findings if finding["type"] != "too_short"]
-    findings = [
-        finding
-        for finding in findings
-        if finding["type"] != "too_short"
-        or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
-    ]
-    line = f"{source}: " + "; also ".join(
-        _by_name(_finding(finding), raw) for finding in findings[:SHOWN]
-    )
+    findings = [finding for finding in every if finding["type"] != "too_short"] or every
+    line = f"{source}: " + "; also ".join(_finding(finding, raw) for finding in findings[:SHOWN])
     others = len(findings) - SHOWN
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
 
 
-def _by_name(message: str, raw: Mapping[str, object]) -> str:
-    """Return a message with names of parts in the path at its beginning."""
-    path, colon, text = message.partition(": ")
-    return message if " " in path else f"{named(raw, path)}{colon}{text}"
-
-
-def _finding(finding: ErrorDetails) -> str:
+def _finding(finding: ErrorDetails, raw: Mapping[str, object]) -> str:
+    """Return a finding in words, after the path of what it is of, with names of parts."""
     tags = {"slider", "capstan", *INSERTIONS, *UNITS}
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
-    keys = [k for i, k in enumerate(finding["loc"]) if not (k in tags and i > 0)]
-    path = ".".join(str(key) for key in keys)
+    keys = [str(key) for i, key in enumerate(finding["loc"]) if i == 0 or key not in tags]
     kind = finding["type"]
     context = finding.get("ctx", {})
-    shown = _BRIEFLY.repr(finding.get("input"))
+    if "discriminator" in context:
+        keys.append(context["discriminator"].strip("'"))
+    needed = context.get("expected") or context.get("expected_tags") or NEEDED.get(kind)
+    came = _BRIEFLY.repr(context.get("tag", finding["input"]))
     if kind == "value_error":
         text = str(context["error"])
-        # a list's own check starts with the index and key that it refuses
-        joint = "." if re.match(r"\d+(\.\w+)?: ", text) else ": "
-        return f"{path}{joint}{text}" if path else text
-    if kind == "union_tag_invalid":
-        key = str(context["discriminator"]).strip("'")
-        return f"{path}.{key}: must be {context['expected_tags']}, '{context['tag']}' came"
-    if kind == "union_tag_not_found":
-        return f"{path}: '{str(context['discriminator']).strip(chr(39))}' is missing"
-    if kind in WORDED:
-        return f"{path}: {WORDED[kind]}"
-    needed = context["expected"] if kind == "literal_error" else NEEDED.get(kind)
-    if needed:
-        return f"{path}: must be {needed}, {shown} came"
-    return f"{path}: {finding['msg'][0].lower()}{finding['msg'][1:]}, {shown} came"
+        # a check of several values says first which of them it refuses
+        match = re.match(r"([\w.-]+): ", text)
+        if match is not None:
+            keys.append(match[1])
+            text = text[match.end() :]
+    elif kind in WORDED:
+        text = WORDED[kind]
+    elif needed:
+        text = f"must be {needed}, {came} came"
+    else:
+        text = f"{finding['msg'][0].lower()}{finding['msg'][1:]}, {came} came"
+    path = ".".join(keys)
+    return f"{named(raw, path)}: {text}" if path else text
 
 
 ALL = "*"
@@ -290,52 +282,38 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     name or index, crossings by their joint; ``*`` stands for all of them.
     """
     keys = path.split(".")
+    parents: list[Any] = [raw]
+    for depth, key in enumerate(keys):
+        below = list[object]()
+        for parent in parents:
+            where = ".".join(keys[:depth])
+            for place in _places(parent, key, f"--set '{path}': '{where}' has no '{key}'", error):
+                old = parent[place] if isinstance(parent, list) else parent.get(place)
+                if depth + 1 == len(keys):
+                    # a table is changed in place: each item gets one of its own
+                    parent[place] = _merged(old, deepcopy(value))
+                elif isinstance(old, (int, float, str)):
+                    # `coefficient = 0.5` then `--set …coefficient.std=0.1`: it becomes a table
+                    parent[place] = {"value": old}
+                elif old is None:
+                    parent[place] = {}
+                below.append(parent[place])
+        parents = below
 
-    def replace(parent: object, depth: int, value: object) -> None:
-        """Replace the value below the first `depth` keys, which lead to `parent`."""
-        key = keys[depth]
-        where = ".".join(keys[:depth])
-        is_last = depth + 1 == len(keys)
-        if key == ALL and (not isinstance(parent, (list, tuple)) or not parent):
-            raise error(
-                f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand "
-                "for"
-            )
-        if isinstance(parent, (list, tuple)):
-            if is_last and isinstance(parent, tuple):
-                raise error(f"--set '{path}': set the whole of '{where}' instead")
-            at = None if key == ALL else index_of(parent, key)
-            if at is None and key != ALL:
-                hint = did_you_mean(key, names_in(parent))
-                raise error(f"--set '{path}': '{where}' has no '{key}'{hint}")
-            for index in range(len(parent)) if at is None else [at]:
-                # a table is changed in place: each item gets one of its own
-                copied = deepcopy(value)
-                if isinstance(parent, tuple) or not is_last:
-                    replace(parent[index], depth + 1, copied)
-                else:
-                    parent[index] = _merged(parent[index], copied)
-        elif not isinstance(parent, MutableMapping):
-            raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
-        elif is_last:
-            parent[key] = _merged(parent.get(key), value)
-        else:
-            part = parent.get(key)
-            if isinstance(part, tuple) and part and isinstance(part[0], MutableMapping):
-                parent[key] = list(part)
-            elif isinstance(part, (int, float, str)):
-                # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the number becomes a table
-                parent[key] = {"value": part}
-            elif part is None and keys[depth + 1] != ALL:
-                parent[key] = {}
-            replace(parent.get(key), depth + 1, value)
 
-    try:
-        replace(raw, 0, value)
-    except RecursionError:
-        raise error(
-            f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has so many"
-        ) from None
+def _places(parent: object, key: str, missing: str, error: type[DistalError]) -> Iterable[Any]:
+    """Return the indices or the key for which a `key` of a path stands, or raise `error` with what
+    is `missing`.
+    """
+    if isinstance(parent, MutableMapping):
+        return [key]
+    items = parent if isinstance(parent, list) else []
+    if key == ALL and items:
+        return range(len(items))
+    at = index_of(items, key)
+    if at is None:
+        raise error(f"{missing}{did_you_mean(key, names_in(items))}")
+    return [at]
 
 
 def _merged(old: object, new: object) -> object:
