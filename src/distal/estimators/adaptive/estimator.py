@@ -18,7 +18,6 @@ from distal.estimators.adaptive.drive_tracking import (
     begun_alone,
     branches,
     either_variance,
-    remembered_position,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
@@ -450,7 +449,7 @@ class AdaptiveFilter(KernelEstimator):
         drives = context.rig.drive_names
         begin = adaptive_layout(self.states)["drives"].start
         return [
-            begin + remembered_position(drives.index(sensor.of), part)
+            begin + MEMORY * drives.index(sensor.of) + REMEMBERED.index(part)
             for sensor in context.channels.positions
         ]
 

@@ -9,7 +9,7 @@ equations for wild readings and lost drives.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, radians
+from math import inf, radians
 
 import casadi as ca
 
@@ -124,11 +124,6 @@ class Robustness:
     asks_positions: bool = True
     """a fit leaves such positions out before, so that rigs of a kind share its kernel"""
 
-    @property
-    def guards_displacements(self) -> bool:
-        """Whether displacements may be wild at all."""
-        return isfinite(self.wild_displacement)
-
     @classmethod
     def none(cls) -> Robustness:
         """Return no guards: the textbook filter, right where the model is right and the sensors err
@@ -196,8 +191,6 @@ def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) 
         motion: mean square of the recent motion, and what is unknown of the position [m², rad²].
         noise: variance of the sensor's random error.
     """
-    if not robustness.guards_displacements:
-        return ca.SX(0)
     return away**2 > robustness.wild_displacement**2 * (motion + 2 * noise)
 
 
@@ -266,8 +259,6 @@ def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar
     """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`, by which a wild `innovation`
     ν counts less, (23).
     """
-    if not isfinite(robustness.wild_force):
-        return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))
 
 
