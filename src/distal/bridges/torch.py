@@ -208,7 +208,7 @@ class BatchEstimator:
         spreads = rows(kernel_state, range(first, first + n * n, n + 1))
         angles = means[:, :joints].copy()
         variances = spreads[:, :joints].copy()
-        report = self._one.report.only(range(joints))
+        report = self._one.report
         if report.states:
             at = list(report.states)
             gains = rows(y, report.gains)

@@ -17,7 +17,6 @@ from distal.estimators.adaptive.drive_tracking import (
     begun_alone,
     judged_alone,
     judged_by,
-    with_evidence,
 )
 from distal.estimators.estimator_protocol import (
     UNKNOWN_POSITION,
@@ -35,7 +34,6 @@ from distal.regression import (
     Samples,
     Shape,
     begun_by,
-    evidence_of_jumps,
     forces_parameters,
     from_window,
     given,
@@ -143,7 +141,15 @@ class RegressionEstimator(KernelEstimator):
             )
         self._compiled = compiled
         names = angle_names(rig.joint_names)
-        super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
+        super().__init__(
+            NAME,
+            rig,
+            None,
+            np.zeros(0),
+            channels=channels,
+            state_names=names,
+            bridged=len(channels.positions),
+        )
         self._sensors = channels
         if maps:
             self._learn(maps)
@@ -205,13 +211,6 @@ class RegressionEstimator(KernelEstimator):
         taught._learn(after)
         return taught
 
-    @property
-    def bridged(self) -> int:
-        """Number of positions, which are the first channels and go in a straight line over a
-        gap.
-        """
-        return len(self._sensors.positions)
-
     def _function(self) -> ca.Function:
         """Return the function (kernel_state, x, p) → (kernel_state⁺, y). A position is as the
         filter's `track_function` believes it; where it is in doubt, all that its motor reads is
@@ -236,26 +235,14 @@ class RegressionEstimator(KernelEstimator):
         kernel_state, x, p = inputs
         dt, readings, masks = self._sensors.row.parts(x).values()
         p_left, judged_by_p, of_judges = of.parts(p).values()
+        positions = [
+            (k, judged_by_this, self._sensors.of_message(k))
+            for k, judged_by_this in enumerate(ca.vertsplit(judged_by_p, JUDGED.size))
+        ]
+        drives, judged = (kernel_state[layout[name]] for name in ("drives", "judges"))
         sample = judged_alone(
-            ca.vertsplit(kernel_state[layout["drives"]], MEMORY),
-            dt,
-            readings,
-            masks,
-            [
-                (k, judged_by_this, self._sensors.of_message(k))
-                for k, judged_by_this in enumerate(ca.vertsplit(judged_by_p, JUDGED.size))
-            ],
+            drives, dt, readings, masks, positions, self._judges, judged, of_judges
         )
-        ratios, judged = evidence_of_jumps(
-            self._judges,
-            kernel_state[layout["judges"]],
-            dt,
-            sample.off,
-            sample.real,
-            sample.masks,
-            of_judges,
-        )
-        drives = [with_evidence(drive, ratios[k]) for k, drive in enumerate(sample.drives)]
         mean = ca.MX.zeros(n)
         spread = ca.MX.zeros(n, n)
         after = []
@@ -284,8 +271,8 @@ class RegressionEstimator(KernelEstimator):
             mean=mean,
             covariance=spread,
             map=ca.vertcat(*after),
-            drives=ca.vertcat(ca.MX(0, 1), *drives),
-            judges=judged,
+            drives=sample.drives,
+            judges=sample.judges,
         )
         return ca.Function("regression", inputs, [following, ca.MX.zeros(1)])
 

@@ -27,7 +27,6 @@ from distal.estimators import (
     RegressionEstimator,
     StateKind,
     first_values,
-    kinds_of,
     make_estimator,
     state_units,
     usual_estimator,
@@ -267,9 +266,8 @@ def without_covariances(
         step = 1 + AT_ONCE // chosen.kernel.sizes.kernel_state
         parts = (slice(begin, begin + step) for begin in range(0, len(time), step))
         pieces = chosen.pieces(run.start, ((time[part], run.samples[part]) for part in parts))
-    kinds, _ = kinds_of(chosen)
     reported = (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE)
-    kept = [i for i, kind in enumerate(kinds) if every or kind in reported]
+    kept = [i for i, kind in enumerate(chosen.state_kinds) if every or kind in reported]
     widths = (len(kept), len(kept), len(chosen.measured), len(chosen.measured))
     whole = [np.empty((len(time), width)) for width in widths]
     ends = list[list[Floats]]()
@@ -362,7 +360,6 @@ def finished(
     units = state_units(chosen)
     kept = [*range(len(units))] if kept is None else list(kept)
     prior_means, prior_stds = (None if of is None else of[kept] for of in priors_of(chosen))
-    kinds, parts = kinds_of(chosen)
     return Estimate(
         chosen.name,
         chosen.rig.name,
@@ -377,14 +374,14 @@ def finished(
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
-        notes=chosen.notes_of(means, run.samples),
+        notes=() if chosen.unseen is None else (chosen.unseen,),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,
         torque_truths=torques,
-        unseen=chosen.unseen if isinstance(chosen, AdaptiveFilter) else None,
-        state_kinds=tuple(kinds[i] for i in kept),
-        state_parts=tuple(parts[i] for i in kept),
+        unseen=chosen.unseen,
+        state_kinds=tuple(chosen.state_kinds[i] for i in kept),
+        state_parts=tuple(chosen.state_parts[i] for i in kept),
         state_units=tuple(units[i] for i in kept),
     )
 
@@ -636,6 +633,6 @@ def correct(
     belief = estimator.initial(log.time[0], first_values(samples))
     kernel_states, ys = estimator.advanced(belief, log.time, samples)
     states = kernel_states[:, : means.shape[1]]
-    report = estimator.report.only(range(len(rig.joints)))
+    report = estimator.report
     means[last] += report.means(states, ys) - states
     covariances[last] = report.covariances(covariances[last], ys)

@@ -24,7 +24,6 @@ from distal.estimators.adaptive.drive_tracking import (
     begun_alone,
     judged_alone,
     judged_by,
-    with_evidence,
 )
 from distal.expressions import Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
@@ -35,7 +34,6 @@ from distal.regression import (
     JudgedJumps,
     Shape,
     begun_by,
-    evidence_of_jumps,
     forces_function,
     forces_parameters,
 )
@@ -267,26 +265,21 @@ class Redundancy:
         positions = [
             (k, ca.MX(ca.DM(judged_with)), message) for k, judged_with, message in self.judged
         ]
-        sample = judged_alone(
-            ca.vertsplit(tracks, MEMORY), came["dt"], came["values"], came["mask"], positions
-        )
         at_first = [
             judge.begun(came["values"][list(judge.positions)], came["mask"][list(judge.positions)])
             for judge in judges
         ]
-        ratios, judged_jumps = evidence_of_jumps(
+        sample = judged_alone(
+            tracks,
+            came["dt"],
+            came["values"],
+            came["mask"],
+            positions,
             judges,
             ca.if_else(came["first"], ca.vertcat(*at_first), memory[of_judges:begin]),
-            came["dt"],
-            sample.off,
-            sample.real,
-            sample.masks,
             ca.DM(np.concatenate([NONE, *(forces_parameters(j.learned) for j in judges)])),
         )
-        tracks = [
-            with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
-        ]
-        return sample, ca.vertcat(judged_jumps, *tracks)
+        return sample, ca.vertcat(sample.judges, sample.drives)
 
 
 @dataclass(frozen=True)

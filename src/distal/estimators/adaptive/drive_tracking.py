@@ -28,7 +28,7 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode, dense_function, symbols
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
-from distal.regression import MOST_EVIDENCE, added
+from distal.regression import MOST_EVIDENCE, JudgedJumps, added, evidence_of_jumps
 from distal.rig import Rig, Sensor
 from distal.sensor_models import variance
 
@@ -421,7 +421,8 @@ class BothReadings:
         doubts: variances beside that, (n,).
         masks: of the readings that count, (n,).
         chance: that the jumps were real.
-        drives: what is remembered of each position.
+        drives: what is remembered of all positions.
+        judges: what is remembered of what forces say of jumps.
         lasting: whether the jump of each reading lasts, (n,).
     """
 
@@ -430,26 +431,34 @@ class BothReadings:
     doubts: VectorNode
     masks: VectorNode
     chance: ScalarNode
-    drives: list[VectorNode]
+    drives: VectorNode
+    judges: VectorNode
     lasting: VectorNode
 
 
 def judged_alone(
-    memories: Sequence[VectorNode],
+    memory: VectorNode,
     dt: ScalarNode,
     readings: VectorNode,
     masks: VectorNode,
     positions: Sequence[tuple[int, VectorNode, Sequence[int]]],
+    judges: Sequence[JudgedJumps],
+    of_judges: VectorNode,
+    parameters: VectorNode,
 ) -> BothReadings:
-    """Return a sample's readings where no force judges a position; see `track_function`.
+    """Return a sample's readings where no force judges a position but by maps; see
+    `track_function`.
 
     Args:
-        memories: what is remembered of each position.
+        memory: what is remembered of the positions.
         dt: since the sample before [s].
         readings: of the channels, (n,).
         masks: of them, (n,).
         positions: of each its index, what it is judged by, `JUDGED`, and the indices of what its
             motor reads with it.
+        judges: what forces say of jumps.
+        of_judges: what these remember.
+        parameters: of these.
     """
     off = ca.MX(readings)
     real = ca.MX(readings)
@@ -459,10 +468,10 @@ def judged_alone(
     chance = ca.MX(0)
     drives = []
     track = track_function(Robustness(), False)
-    for memory, (k, judged, message) in zip(memories, positions):
+    for own, (k, judged, message) in zip(ca.vertsplit(memory, MEMORY), positions):
         came = {"reading": readings[k], "mask": masks[k], **JUDGED.parts(judged)}
         given = ca.vertcat(*(came.get(name, 0) for name in READING.names))
-        drive = track(memory, given, dt, faded(dt))[:MEMORY]
+        drive = track(own, given, dt, faded(dt))[:MEMORY]
         branch = branches(drive)
         off[k] = branch["off"]
         real[k] = branch["real"]
@@ -471,21 +480,17 @@ def judged_alone(
         chance = ca.fmax(chance, branch["chance"])
         masks[list(message)] *= branch["believed"]
         drives.append(drive)
-    return BothReadings(off, real, doubts, masks, chance, drives, lasting)
+    ratios, judged = evidence_of_jumps(judges, of_judges, dt, off, real, masks, parameters)
+    evidence, shift = (REMEMBERED.index(name) for name in ("evidence", "shift"))
+    for drive, (k, *_) in zip(drives, positions):
+        drive[evidence] = added(drive[evidence], ratios[k] * (drive[shift] != 0))
+    together = ca.vertcat(ca.MX(0, 1), *drives)
+    return BothReadings(off, real, doubts, masks, chance, together, judged, lasting)
 
 
 def either_variance(real: Expression, shift: Expression) -> Expression:
     """Return the variance of a position that is off by a shift or not: p (1 − p) s²."""
     return (1 - real) * real * shift**2
-
-
-def with_evidence(memory: VectorNode, ratio: VectorNode) -> VectorNode:
-    """Return what is remembered of a drive after evidence that its last jump was real."""
-    changed = ca.MX(memory)
-    at = REMEMBERED.index("evidence")
-    has_jumped = memory[REMEMBERED.index("shift")] != 0
-    changed[at] = added(memory[at], ratio * has_jumped)
-    return changed
 
 
 def branches(memory: Expression) -> dict[str, Expression]:

@@ -159,8 +159,6 @@ class AdaptiveFilter(KernelEstimator):
         self.states = state_vector(
             rig, tuple(references), tuple(inputs), robustness, tuple(kinds), folded
         )
-        self.state_kinds = self.states.state_kinds
-        self.state_parts = self.states.state_parts
         self._resolution = resolution
         self._home_std = home_std
         # a smoother goes back over the filter's own states
@@ -182,7 +180,10 @@ class AdaptiveFilter(KernelEstimator):
             channels=channels,
             state_names=self.states.names,
             measured=measured,
+            bridged=len(channels.positions),
         )
+        self.state_kinds = self.states.state_kinds
+        self.state_parts = self.states.state_parts
         # maps on readings alone only share in the answer of those beside the filter
         answering = self._reported[: len(self.maps.filter)]
         self.report = Report.behind(
@@ -357,12 +358,6 @@ class AdaptiveFilter(KernelEstimator):
             memory = ca.vertcat(memory, judge.begun(values[at], is_present[at]))
         return ca.Function("prior", inputs, [mean, variances, memory])
 
-    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return a sentence on the directions of joint space that the sensors do not see, if there
-        are any.
-        """
-        return () if self.unseen is None else (self.unseen,)
-
     @cached_property
     def unseen(self) -> str | None:
         """A sentence on the directions of joint space that the sensors do not see; None where they
@@ -370,13 +365,6 @@ class AdaptiveFilter(KernelEstimator):
         """
         seen = directions(self.rig)
         return seen.text if len(seen.missed) and len(self.rig.joints) > 1 else None
-
-    @property
-    def bridged(self) -> int:
-        """Number of displacements, which are the first channels and are interpolated along a
-        straight line over a gap.
-        """
-        return len(self.states.context.channels.positions)
 
     def with_maps(self, maps: LearnedMaps) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other numbers in its maps."""
@@ -452,13 +440,6 @@ class AdaptiveFilter(KernelEstimator):
             begin + MEMORY * drives.index(sensor.of) + REMEMBERED.index(part)
             for sensor in context.channels.positions
         ]
-
-    @property
-    def touched(self) -> tuple[int, ...]:
-        """Indices in the kernel state of the probability that something touches a joint, of each
-        joint that may be touched.
-        """
-        return tuple(self._of_torques("probability"))
 
     def _of_torques(self, part: str) -> list[int]:
         """Return the indices in the kernel state of a part of what is remembered of each torque."""

@@ -37,6 +37,7 @@ from distal.expressions import (
 )
 from distal.kernels.layout import is_read, is_there
 from distal.model import clip_moments
+from distal.model.friction import ClipMoments
 
 SURE = 3.0
 """Number of stds of its sensor that is added to a force to have its largest possible value [1].
@@ -357,6 +358,18 @@ def _move(
     prediction.transition[at, :] = ca.mtimes(row.T, prediction.transition)
 
 
+def _clipped(
+    low: Scalar, high: Scalar, state: Vector, at: int, std: Scalar
+) -> tuple[ClipMoments, Vector]:
+    """Return the moments of clip(x_i, low, high) of a state x_i with a std, and the slopes of their
+    mean by all states, (1, n).
+    """
+    moments = clip_moments(low, high, state[at], std)
+    row = moments.by_low * ca.jacobian(low, state) + moments.by_high * ca.jacobian(high, state)
+    row[0, at] += moments.by_mean
+    return moments, row
+
+
 def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
     variance, effort⁺); without a reading z stays.
@@ -378,7 +391,6 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
     at_end = states.coordinates(state, positions_of(tracks))
     held, dampings = limits(at_end, states.parameters(state))
-    slope = ca.densify(ca.jacobian(held, state))
     came = context.value(x, sensor)
     read = is_read(context.mask(x, sensor))
     share = context.number(f"drives.{drive}.reading_weight")
@@ -390,13 +402,9 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     effort = smoothed - error
     left = share / (2 - share) * context.noise(sensor)
     held += CREST * ca.sqrt(left)
-    moments = clip_moments(
-        effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
-    )
-    row = (moments.by_high - moments.by_low) * slope
-    row[0, at] += moments.by_mean
+    std = ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
+    moments, row = _clipped(effort - held, effort + held, state, at, std)
     ends = moments.by_low + moments.by_high
-    row -= ends * ca.jacobian(error, state)
     outputs = [
         ca.if_else(read, moments.mean, state[at]),
         ca.if_else(read, row, ca.SX(ca.DM.eye(n)[at, :])).T,
@@ -463,11 +471,8 @@ def following_function(states: StateVector, at: int) -> ca.Function:
         reached = [bounds.low, bounds.high]
         by_drives = [ca.jacobian(bound, q)[0, context.n_joints :] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
-        by_low = ca.jacobian(low, state)
-        by_high = ca.jacobian(high, state)
-        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION)
-        row = moments.by_low * by_low + moments.by_high * by_high
-        row[0, at] += moments.by_mean
+        std = ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION
+        moments, row = _clipped(low, high, state, at, std)
         pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
         noise = sum((pushed[0, i] ** 2 * drive_of(tracks, i).variance for i in range(nd)), ca.SX(0))
         outputs = [moments.mean, row.T, moments.rest + noise]
