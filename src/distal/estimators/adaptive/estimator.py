@@ -48,7 +48,7 @@ from distal.regression import (
     map_parameters,
     reporting_function,
 )
-from distal.rig import LearnedMap, LearnedMaps, Rig, Sensor
+from distal.rig import LearnedMaps, Rig, Sensor
 
 Read = Callable[[Sensor, Scalar], Scalar]
 """Function that returns a sensor's first value, or its second argument where that value
@@ -162,7 +162,7 @@ class AdaptiveFilter(KernelEstimator):
         self._resolution = resolution
         self._home_std = home_std
         # a smoother goes back over the filter's own states
-        self.maps = LearnedMaps() if trace or rig.map is None else rig.map
+        self._take(LearnedMaps() if trace or rig.map is None else rig.map)
         self.structure = self._structure(trace)
         kernel = kernel_of(
             self.structure,
@@ -170,7 +170,7 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self.states.context.mechanism.parameters.values
-        parameters = np.concatenate([parameters, *self._map_parameters()])
+        parameters = np.concatenate([parameters, *self._map_parameters])
         measured = tuple(sensor.name for sensor in channels.compared)
         super().__init__(
             name,
@@ -192,35 +192,32 @@ class AdaptiveFilter(KernelEstimator):
             [placed.learned.arrays["correlation"] for placed in answering],
         )
 
-    @property
-    def _reporting_maps(self) -> tuple[LearnedMap, ...]:
-        """Those beside the filter, and those that share in the angles."""
-        return (*self.maps.filter, *self.maps.pooled)
-
-    def _map_parameters(self) -> list[Floats]:
-        """Return the parameters of its maps."""
-        judges = (forces_parameters(judge.learned) for judge in self._judges)
-        return [*map(map_parameters, self._reporting_maps), *judges]
-
-    @property
-    def _reported(self) -> list[ReportedMap]:
-        """Each map that is reported."""
-        context = self.states.context
-        names = context.channels.names
-        joints = context.rig.joint_names
-        homes = {sensor.of: names.index(sensor.name) for sensor in context.channels.angles}
-        reported = []
-        for learned in self._reporting_maps:
-            channels = tuple(names.index(channel) for channel in learned.channels)
-            states = tuple(joints.index(joint) for joint in learned.joints)
-            is_homed = self._home_std is not None
-            given = tuple(homes[joint] for joint in learned.joints) if is_homed else ()
-            reported.append(ReportedMap(learned, channels, states, given))
-        return reported
+    def _take(self, maps: LearnedMaps) -> None:
+        """Take maps: those beside the filter, and those that share in the angles, are reported."""
+        channels = self.states.context.channels
+        names = channels.names
+        joints = self.states.context.rig.joint_names
+        is_homed = self._home_std is not None
+        homes = {sensor.of: names.index(sensor.name) for sensor in channels.angles}
+        self.maps = maps
+        self._reported = [
+            ReportedMap(
+                learned,
+                tuple(map(names.index, learned.channels)),
+                tuple(map(joints.index, learned.joints)),
+                tuple(homes[joint] for joint in learned.joints) if is_homed else (),
+            )
+            for learned in (*maps.filter, *maps.pooled)
+        ]
+        # what forces say of jumps
+        self._judges = JudgedJumps.among(maps.efforts if self._reported else (), names)
+        of_maps = [map_parameters(placed.learned) for placed in self._reported]
+        of_judges = [forces_parameters(judge.learned) for judge in self._judges]
+        self._map_parameters = of_maps + of_judges
 
     def _reporting(self, function: ca.Function) -> ca.Function:
         """Return the filter with the values of its maps among its outputs."""
-        if not self._reporting_maps:
+        if not self._reported:
             return function
         n = len(self.states.names)
         shares = tuple(self._of_torques("share"))
@@ -235,12 +232,6 @@ class AdaptiveFilter(KernelEstimator):
             self._judges,
             self._of_positions("evidence"),
         )
-
-    @property
-    def _judges(self) -> list[JudgedJumps]:
-        """What forces say of jumps."""
-        names = self.states.context.channels.names
-        return JudgedJumps.among(self.maps.efforts if self._reporting_maps else (), names)
 
     def _tracked(self, function: ca.Function) -> ca.Function:
         """Return the function (kernel_state, p) → the positions of the drives as their sensors
@@ -286,21 +277,15 @@ class AdaptiveFilter(KernelEstimator):
         """
         states = self.states
         context = states.context
-        channels = context.channels
         inputs = self._first_sample()
         values, is_present, p = inputs
-        credible = (
-            is_present[k] * context.credible(sensor, values[k])
-            for k, sensor in enumerate((*channels.proximal, *channels.angles))
-        )
-        mask = ca.vertcat(*credible)
+        x = ca.vertcat(0, values, is_present)
 
         def is_there(sensor: Sensor) -> Scalar:
-            return is_read(mask[self.channels.index(sensor.name)])
+            return is_read(context.mask(x, sensor))
 
         def read(sensor: Sensor, otherwise: Scalar) -> Scalar:
-            value = context.corrected(sensor, values[self.channels.index(sensor.name)])
-            return ca.if_else(is_there(sensor), value, otherwise)
+            return ca.if_else(is_there(sensor), context.value(x, sensor), otherwise)
 
         means, stds = states.prior()
         mean = ca.SX(means)
@@ -317,9 +302,7 @@ class AdaptiveFilter(KernelEstimator):
                 mean[at], std = state.first(begin)
                 variances[at] = std**2
         # maps beside the filter read the positions of drives as it has them, without a known offset
-        placed = (
-            context.corrected(sensor, values[k]) for k, sensor in enumerate(channels.positions)
-        )
+        placed = (context.value(x, sensor) for sensor in context.channels.positions)
         outputs = [mean, variances, memory, ca.vertcat(*placed, values[self.bridged :])]
         plain = ca.Function("plain", inputs, _with_parameters(context, outputs, p))
         return self._with_maps(plain)
@@ -369,9 +352,9 @@ class AdaptiveFilter(KernelEstimator):
     def with_maps(self, maps: LearnedMaps) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other numbers in its maps."""
         changed = copy(self)
-        changed.maps = maps
+        changed._take(maps)
         parameters = self.parameters[: len(self.parameter_names)]
-        changed._p = frozen(np.concatenate([parameters, *changed._map_parameters()]))
+        changed._p = frozen(np.concatenate([parameters, *changed._map_parameters]))
         changed._begin = None
         return changed
 

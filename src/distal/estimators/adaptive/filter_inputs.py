@@ -6,7 +6,7 @@ Rigs that differ only in these inputs have the same kernel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,7 +17,7 @@ from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_t
 from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode, symbols
 from distal.model import Mechanism
-from distal.model.parameters import Derived
+from distal.model.parameters import Derived, number_at
 from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_models import quantisation_variance
 
@@ -58,14 +58,10 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     yield "interval", channels.interval
     for sensor in (*channels.proximal, *channels.angles):
         yield from _of_sensor(context, sensor)
+    for kind, keys in PLAIN.items():
+        for i in range(len(rig.components[kind])):
+            yield from _numbers(rig, f"{kind}.{i}", keys)
     for i, joint in enumerate(rig.joints):
-        path = f"joints.{i}"
-        torque = joint.external_torque
-        yield f"{path}.initial", joint.initial.value
-        yield f"{path}.initial.std", joint.initial.std
-        yield f"{path}.unmodelled", joint.unmodelled
-        yield f"{path}.external_torque.std", torque.std
-        yield f"{path}.external_torque.correlation_time", torque.correlation_time
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
@@ -78,7 +74,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
             if sensor.name in by_contact:
                 name = f"{context.path(sensor)}.by_contact.{joint.name}"
                 yield name, by_contact[sensor.name]
-    for i, drive in enumerate(rig.drives):
+    for i in range(context.n_drives):
         path = f"drives.{i}"
         low, high = drive_travel(rig, i)
         yield f"{path}.travel.low", low
@@ -86,31 +82,41 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         held, shown = context.jumps[i]
         yield f"{path}.held_stiffness", held
         yield f"{path}.shown_share", shown
-        yield f"{path}.nominal_force", drive.nominal_force.value
-        yield f"{path}.nominal_force.std", drive.nominal_force.std
     for t, tendon in enumerate(rig.tendons):
         yield f"tendons.{t}.likely_tension", likely_tension(rig, t)
-        yield f"tendons.{t}.pretension", tendon.pretension.value
-    for t, tendon in enumerate(rig.tendons):
         if tendon.creep is not None:
-            path = f"tendons.{t}.creep.settled"
-            yield path, tendon.creep.settled.value
-            yield f"{path}.std", tendon.creep.settled.std
+            yield from _numbers(rig, f"tendons.{t}.creep", ("settled", "settled.std"))
     p = context.mechanism.parameters
     for i, name in enumerate(p.names):
         if name.endswith((".backlash.width", ".share")):
             yield f"{name}.std", float(p.stds[i])
 
 
+PLAIN = {
+    "joints": (
+        "initial",
+        "initial.std",
+        "unmodelled",
+        "external_torque.std",
+        "external_torque.correlation_time",
+    ),
+    "drives": ("nominal_force", "nominal_force.std"),
+    "tendons": ("pretension",),
+}
+"""Kind of component → keys of the numbers that are inputs as they stand in the description."""
+
+
+def _numbers(rig: Rig, path: str, keys: Iterable[str]) -> Iterator[tuple[str, float]]:
+    """Yield path and value of numbers of the component at a `path`."""
+    for key in keys:
+        yield f"{path}.{key}", number_at(rig, f"{path}.{key}")
+
+
 def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, float]]:
     path = context.path(sensor)
-    yield f"{path}.noise", sensor.noise
+    yield from _numbers(context.rig, path, ("noise", "bias", "linearity", "rate", "lag"))
     yield f"{path}.rounding", quantisation_variance(step_of(sensor))
-    yield f"{path}.bias", sensor.bias.value
     yield f"{path}.unknown_bias", context.bias_std(sensor)
-    yield f"{path}.linearity", sensor.linearity
-    yield f"{path}.rate", sensor.rate
-    yield f"{path}.lag", sensor.lag
     if has_gain(sensor):
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
