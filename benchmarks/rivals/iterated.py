@@ -115,10 +115,7 @@ def iterated_update(
     (table, function), nominal = rows_function(states), states.context.parameters(p, ["interval"])
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table):
-        compare, weigh = (
-            comparison_function(states, row.drive),
-            weights(states.context.robustness, row.trusted),
-        )
+        compare = comparison_function(states, row.drive)
         point = ca.MX(prior)
         for _ in range(updates):
             outputs = function(point, tracks, rates, x, p)
@@ -138,7 +135,9 @@ def iterated_update(
             spread = found.by_limit * along(slopes["limit"], across)
             spread += found.by_asymmetry * along(slopes["asymmetry"], across)
             spread += found.variance - along(slopes["value"], across)
-            weight, root, shown = weigh(spread, found.innovation, at["mask"], found.counts)
+            weight, shown = weights(
+                states.context.robustness, row.trusted, spread, found, at["mask"]
+            )
             change = (weight * found.innovation) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted, nominal)
@@ -148,7 +147,7 @@ def iterated_update(
             declared = states.context.declares_friction(row.drive)
             kept[row.drive] = found.memory + (along(slopes["value"], change) if declared else 0)
         mean = mean + change
-        covariance.take(root * across, list(shares), ca.vertcat(*shares.values()))
+        covariance.take(ca.sqrt(weight) * across, list(shares), ca.vertcat(*shares.values()))
         innovations.append(shown)
         spreads.append(spread)
     measured = [k for k, row in enumerate(table) if row.measured]

@@ -244,49 +244,6 @@ def fill(
     np.multiply(is_finite[:bridged], bridge(rows_after + 1), out=mask[:bridged])
 
 
-def rows_with_gaps(
-    name: str, steps: Floats, samples: Floats, interval: float, bridged: int
-) -> tuple[Floats, NDArray[np.intp]]:
-    """Return a kernel's input rows (dt, values, mask) for a log, and the index of each sample's own
-    row among them.
-
-    Args:
-        name: of the estimator, for messages.
-        steps: intervals before the samples [s], (k,).
-        samples: values of the channels, NaN where missing, (k, n_channels).
-        interval: nominal interval [s].
-        bridged: number of leading channels that are interpolated along a straight line over a gap.
-
-    Raises:
-        EstimationError: too many predictions would be needed.
-    """
-    is_finite = np.isfinite(samples)
-    filled = np.where(is_finite, samples, 0.0)
-    parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - STAMP_ROUNDING))
-    if parts.max(initial=1.0) > MOST_BRIDGES:
-        raise EstimationError(
-            f"{name}: a gap of {steps.max():g} s is too long to bridge "
-            f"(at most {MOST_BRIDGES * SPLIT * interval:g} s); split the log there"
-        )
-    if parts.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
-        raise EstimationError(
-            f"{name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value "
-            "every "
-            f"{interval:g} s: {parts.sum():.3g} predictions would be needed; set the sensors' "
-            "rate to the log's"
-        )
-    counts = parts.astype(np.int64)
-    last = np.cumsum(counts) - 1
-    lengths, values, masks = (
-        np.repeat(of, counts, axis=0) for of in (steps / parts, filled, is_finite.astype(float))
-    )
-    for i in np.flatnonzero(counts > 1):
-        for after in range(1, int(counts[i])):
-            row = last[i] - after
-            fill(values[row], masks[row], filled[i], is_finite[i], after, bridged)
-    return np.column_stack([lengths, values, masks]), last
-
-
 @dataclass(frozen=True)
 class Report:
     """Indices in a kernel's output y of the reported values, gains and variances of some states.
@@ -469,7 +426,7 @@ class KernelEstimator:
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
     measured channels; p are the kernel's parameters. The first states are the joints' angles. A
     missing value (NaN) becomes a zero in the mask; long intervals are bridged, see
-    `rows_with_gaps`. The `kernel` is None for an estimator that gets one later.
+    `rows`. The `kernel` is None for an estimator that gets one later.
     """
 
     def __init__(
@@ -604,21 +561,20 @@ class KernelEstimator:
         return means, covariances, values, variances
 
     def pieces(
-        self, belief: Belief | None, parts: Iterable[tuple[Floats, Floats]]
+        self, belief: Belief, parts: Iterable[tuple[Floats, Floats]]
     ) -> Iterator[tuple[Floats, ...]]:
         """Yield means (k, n), variances of the states (k, n), innovations (k, m) and their
         variances (k, m) of one part of a log after the other, so that only one part's covariances
         are in memory.
 
         Args:
-            belief: before the first sample; None: that of `initial`.
+            belief: before the first sample.
             parts: stamps [s], (k,), and values of the channels, (k, n_channels).
 
         Raises:
             EstimationError: as `checked_rows`.
         """
         for times, samples in parts:
-            belief = self.initial(times[0], first_values(samples)) if belief is None else belief
             n = belief.size
             kernel_states, ys = self.advanced(belief, times, samples)
             means = mean_of(kernel_states, n).copy()
@@ -765,7 +721,30 @@ class KernelEstimator:
         Raises:
             EstimationError: a gap is too long.
         """
-        return rows_with_gaps(self.name, steps, samples, self.interval, self.bridged)
+        is_finite = np.isfinite(samples)
+        filled = np.where(is_finite, samples, 0.0)
+        parts = np.maximum(1.0, np.ceil(steps / (SPLIT * self.interval) - STAMP_ROUNDING))
+        if parts.max(initial=1.0) > MOST_BRIDGES:
+            raise EstimationError(
+                f"{self.name}: a gap of {steps.max():g} s is too long to bridge "
+                f"(at most {MOST_BRIDGES * SPLIT * self.interval:g} s); split the log there"
+            )
+        if parts.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
+            raise EstimationError(
+                f"{self.name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give "
+                f"a value every {self.interval:g} s: {parts.sum():.3g} predictions would be "
+                "needed; set the sensors' rate to the log's"
+            )
+        counts = parts.astype(np.int64)
+        last = np.cumsum(counts) - 1
+        lengths, values, masks = (
+            np.repeat(of, counts, axis=0) for of in (steps / parts, filled, is_finite.astype(float))
+        )
+        for i in np.flatnonzero(counts > 1):
+            for after in range(1, int(counts[i])):
+                row = last[i] - after
+                fill(values[row], masks[row], filled[i], is_finite[i], after, self.bridged)
+        return np.column_stack([lengths, values, masks]), last
 
 
 def check_time(name: str, before: float, now: float, first: bool) -> None:

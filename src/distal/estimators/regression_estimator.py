@@ -11,13 +11,8 @@ import casadi as ca
 import numpy as np
 
 from distal.errors import EstimationError
-from distal.estimators.adaptive.drive_tracking import (
-    JUDGED,
-    MEMORY,
-    begun_alone,
-    judged_alone,
-    judged_by,
-)
+from distal.estimators.adaptive.drive_tracking import MEMORY, begun_alone, judged_alone
+from distal.estimators.adaptive.filter_inputs import JUDGED, judged_by
 from distal.estimators.estimator_protocol import (
     UNKNOWN_POSITION,
     Channels,

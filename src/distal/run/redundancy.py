@@ -23,8 +23,8 @@ from distal.estimators.adaptive.drive_tracking import (
     BothReadings,
     begun_alone,
     judged_alone,
-    judged_by,
 )
+from distal.estimators.adaptive.filter_inputs import judged_by
 from distal.expressions import Vector, VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log

@@ -10,10 +10,8 @@ from math import log
 from typing import NamedTuple
 
 import casadi as ca
-import numpy as np
 
-from distal.arrays import Floats
-from distal.estimators.adaptive.filter_inputs import USUAL, mechanics_function, usual_motion
+from distal.estimators.adaptive.filter_inputs import JUDGED, mechanics_function
 from distal.estimators.adaptive.guard_settings import (
     GOES_ON,
     SETTLED,
@@ -25,12 +23,9 @@ from distal.estimators.adaptive.guard_settings import (
     jump_evidence,
 )
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode, dense_function, symbols
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
 from distal.regression import MOST_EVIDENCE, JudgedJumps, added, evidence_of_jumps
-from distal.rig import Rig, Sensor
-from distal.sensor_models import variance
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:
@@ -58,11 +53,6 @@ SMALLEST_SCALE = 1e-300
 SAME = 1e-12
 """Square of a difference, in variances of the noise, below which readings are the same [1]. Source:
 rounding.
-"""
-
-WANDERING = 1.0
-"""Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
-back [s]. Source: benchmark (benchmarks.ablation).
 """
 
 
@@ -149,13 +139,7 @@ def tracking(states: StateVector) -> ca.Function:
 READING = Layout(
     reading=1,
     mask=1,
-    noise=1,
-    dead=1,
-    wandering=1,
-    usual=1,
-    centre=1,
-    scale=1,
-    felt=1,
+    **dict.fromkeys(JUDGED.names, 1),
     missing=1,
     force_mask=1,
     stiffness=1,
@@ -204,13 +188,9 @@ def _readings(states: StateVector) -> ca.Function:
             position = remembered(memory, i, "position")
             lag = context.number(f"{context.path(sensor)}.lag")
             reading = position + (reading - position) * (1 - ca.exp(-x[0] / lag))
-        rate = context.number(f"{context.path(sensor)}.rate")
-        dead = DEAD_INTERVALS / rate
-        wandering = UNKNOWN_POSITION[context.rig.drives[i].kind] / WANDERING
-        usual = [context.number(f"{context.path(sensor)}.{name}") for name in USUAL]
-        table[: 5 + len(usual), i] = ca.vertcat(
-            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering, *usual
-        )
+        judged = (context.number(f"{context.path(sensor)}.{name}") for name in JUDGED.names[1:])
+        of_position = [reading, context.mask(x, sensor), context.noise(sensor), *judged]
+        table[: len(of_position), i] = ca.vertcat(*of_position)
         if force is not None:
             friction = limits[nj + i] + states.added(("friction", i), mean)
             effort = context.value(x, force)
@@ -223,7 +203,7 @@ def _readings(states: StateVector) -> ca.Function:
                 context.number(f"drives.{i}.{name}") for name in ("held_stiffness", "shown_share")
             )
             alone = len(context.mechanism.pulled_by(nj + i)) == 1
-            table[5 + len(USUAL) :, i] = ca.vertcat(
+            table[len(of_position) :, i] = ca.vertcat(
                 effort - pull,
                 context.mask(x, force),
                 stiffness,
@@ -385,20 +365,6 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
     return dense_function("drive", inputs, [ca.vertcat(*drive)])
-
-
-JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
-"""Layout of what a position is judged by where no force judges it: the variance of its noise, the
-time without a value after which it may not come back [s], the growth of its std after that, and its
-`usual_motion`. Source: definition (layout of a vector).
-"""
-
-
-def judged_by(rig: Rig, sensor: Sensor) -> Floats:
-    """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
-    wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
-    dead = DEAD_INTERVALS / sensor.rate
-    return np.array([variance(sensor), dead, wandering, *usual_motion(rig, sensor)])
 
 
 def begun_alone(reading: Expression, is_there: Expression, unknown: float = 0.0) -> Expression:

@@ -10,16 +10,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
 from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
-from distal.estimators.estimator_protocol import Channels
+from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, Channels
 from distal.expressions import MatrixNode, VectorNode, symbols
+from distal.kernels import Layout
 from distal.model import Mechanism
 from distal.model.parameters import Derived, number_at
 from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
-from distal.sensor_models import quantisation_variance
+from distal.sensor_models import quantisation_variance, variance
 
 
 def states_of_rig(
@@ -69,11 +72,10 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
             yield context.loaded_with(i, other), float(context.contact_shape[i, other])
         by_contact = context.by_contact(i) if i in context.touchable else {}
         for sensor in context.forces:
-            name = f"{context.path(sensor)}.by_torque.{joint.name}"
-            yield name, context.by_torque(i, sensor)
+            path = context.path(sensor)
+            yield f"{path}.by_torque.{joint.name}", context.by_torque(i, sensor)
             if sensor.name in by_contact:
-                name = f"{context.path(sensor)}.by_contact.{joint.name}"
-                yield name, by_contact[sensor.name]
+                yield f"{path}.by_contact.{joint.name}", by_contact[sensor.name]
     for i in range(context.n_drives):
         path = f"drives.{i}"
         low, high = drive_travel(rig, i)
@@ -121,14 +123,30 @@ def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, fl
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
         centre, away = context.possible_positions(sensor)
-        for name, value in zip(USUAL, usual_motion(context.rig, sensor)):
-            yield f"{path}.{name}", value
-        yield f"{path}.centre", centre
+        for name, value in zip(JUDGED.names[1:], judged_by(context.rig, sensor)[1:]):
+            yield f"{path}.{name}", float(value)
+        yield f"{path}.middle", centre
         yield f"{path}.farthest", away
 
 
-USUAL = ("usual_square", "usual_centre", "usual_scale", "felt")
-"""Names of what `usual_motion` gives."""
+WANDERING = 1.0
+"""Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
+back [s]. Source: benchmark (benchmarks.ablation).
+"""
+
+
+JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
+"""Layout of what a position is judged by where no force judges it: the variance of its noise, the
+time without a value after which it may not come back [s], the growth of its std after that, and its
+`usual_motion`. Source: definition (layout of a vector).
+"""
+
+
+def judged_by(rig: Rig, sensor: Sensor) -> Floats:
+    """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
+    wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
+    dead = DEAD_INTERVALS / sensor.rate
+    return np.array([variance(sensor), dead, wandering, *usual_motion(rig, sensor)])
 
 
 def usual_motion(rig: Rig, sensor: Sensor) -> tuple[float, ...]:

@@ -485,9 +485,8 @@ def updated(
                 across += factor * by[part]
         spread = sum(along(slopes[part], across) * by for part, by in zip(SLOPED, factors))
         variance = comparison.variance
-        weight, root, shown = weights(states.context.robustness, row.trusted)(
-            spread + variance, comparison.innovation, at["mask"], comparison.counts
-        )
+        guards = states.context.robustness
+        weight, shown = weights(guards, row.trusted, spread + variance, comparison, at["mask"])
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted, nominal)
         if kept.torques and not row.trusted:
@@ -511,7 +510,7 @@ def updated(
             evidence[row.name] = dict(zip(watch.name_out(), outputs))
             kept.forces[row.name] = dict(zip(FORCE.names, outputs))
         mean = mean + change
-        covariance.take(root * across, list(shares), taken)
+        covariance.take(ca.sqrt(weight) * across, list(shares), taken)
         if row.measured:
             innovations.append(shown)
             spreads.append(spread + variance)
@@ -537,16 +536,18 @@ def comparison_function(states: StateVector, drive: int | None) -> ca.Function:
     return dense_function("compare", [*inputs, context.mechanism.parameters.symbols], parts)
 
 
-def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return the function (S, ν, mask, counts) → (1/S' where the row is used, the root of that, the
-    innovation to report), see `robust_variance`.
-
-    A row that does not count (its drive is at a stop) reports NaN as its innovation.
+def weights(
+    robustness: Robustness,
+    trusted: bool,
+    spread: ScalarNode,
+    comparison: Comparison,
+    mask: ScalarNode,
+) -> tuple[ScalarNode, ScalarNode]:
+    """Return 1/S' where a row is used, see `robust_variance`, and the innovation to report, NaN for
+    a row that does not count (its drive is at a stop); `spread` is S.
     """
-    inputs = symbols(ca.SX, S=1, nu=1, mask=1, counts=1)
-    spread, innovation, mask, counts = inputs
+    innovation = comparison.innovation
     positive = ca.fmax(spread, SMALLEST_VARIANCE)
     robust = positive if trusted else robust_variance(robustness, positive, innovation)
-    weight = share_used(mask) / robust
-    shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
-    return ca.Function("weights", inputs, [weight, ca.sqrt(weight), shown])
+    shown = ca.if_else(ca.logic_and(is_there(mask), comparison.counts), innovation, np.nan)
+    return share_used(mask) / robust, shown
