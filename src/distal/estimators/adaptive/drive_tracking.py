@@ -19,7 +19,6 @@ from distal.estimators.adaptive.guard_settings import (
     SHIFTED_FELT,
     Robustness,
     chance_of_jump,
-    is_far,
     jump_evidence,
 )
 from distal.estimators.adaptive.states import StateVector
@@ -264,14 +263,6 @@ def _evidence_of_force(
     return judges, ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ratio)
 
 
-def _lost_variance(motion: Scalar, wandering: Scalar, silence: Scalar) -> Scalar:
-    """Return the variance of a drive's position without a reading, equation (4): by the `motion`
-    that it had, whose error grows with time, not with the root of time; or, from then on where
-    `silence` is above 0 s, because it may have begun to move whatever it did before.
-    """
-    return ca.fmax(motion, (wandering * ca.fmax(silence, 0)) ** 2)
-
-
 def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     """Return the function (memory, `READING`, dt, `faded`) → what is known of a drive after a
     reading, `TRACKED`; a missing reading is bridged by the mean speed, which fades.
@@ -309,7 +300,8 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     jump = raw - shift
     # (1) far: more than the recent motion can have led to
     explained = recent * time * time + ca.if_else(shift != 0, 0, unknown)
-    far = read * ca.logic_not(goes_on) * is_far(robustness, jump, explained, noise)
+    farthest = robustness.wild_displacement**2 * (explained + 2 * noise)
+    far = read * ca.logic_not(goes_on) * (jump**2 > farthest)
     # (2) the chance that the jump is real: by where the logs were, and by the drive's force
     judges, ratio = _evidence_of_force(judged, jump, repeats, *force)
     # the evidence on a reading that stood still since its jump is none on the next one
@@ -336,8 +328,10 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), seen)
     believed = ca.if_else(is_there(mask), ca.if_else(far, real, 1), 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
-    # (4) a drive that is lost
-    astray = _lost_variance(ca.fmax(unknown, recent * time * time + noise), wandering, time - dead)
+    # (4) a drive that is lost: by the motion that it had, whose error grows with time, not with the
+    # root of time; or, once the sensor is dead, because it may have begun to move whatever it did
+    led = ca.fmax(unknown, recent * time * time + noise)
+    astray = ca.fmax(led, (wandering * ca.fmax(time - dead, 0)) ** 2)
     either = either_variance(real, shift)
     same = ca.logic_and(read, moved**2 < SAME * noise)
     is_old = ca.logic_and(same, ca.logic_or(1 - judges, force[-1] == effort))

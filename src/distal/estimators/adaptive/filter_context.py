@@ -189,7 +189,7 @@ class FilterContext:
         return self.touchable, loaded, [list(self.by_contact(joint)) for joint in self.touchable]
 
     def loaded_with(self, joint: int, other: int) -> str:
-        """Return the name of the entry of `contact_shape` for two joints."""
+        """Return the name of the correlation of the torques that contacts make on two joints."""
         return f"joints.{joint}.loaded_with.{self.rig.joints[other].name}"
 
     @cached_property

@@ -64,12 +64,14 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     for kind, keys in PLAIN.items():
         for i in range(len(rig.components[kind])):
             yield from _numbers(rig, f"{kind}.{i}", keys)
+    shape = context.contact_shape
     for i, joint in enumerate(rig.joints):
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
-        for other in context.touchable:
-            yield context.loaded_with(i, other), float(context.contact_shape[i, other])
+        for other in np.flatnonzero(shape[i]):
+            correlation = shape[i, other] / np.sqrt(shape[i, i] * shape[other, other])
+            yield context.loaded_with(i, int(other)), float(correlation)
         by_contact = context.by_contact(i) if i in context.touchable else {}
         for sensor in context.forces:
             path = context.path(sensor)

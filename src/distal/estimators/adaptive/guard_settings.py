@@ -182,18 +182,6 @@ harm. Source: benchmark (benchmarks.ablation).
 """
 
 
-def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) -> Scalar:
-    """Return 1 where a displacement is farther from the expected one than the recent motion can
-    explain: (1).
-
-    Args:
-        away: distance from the displacement expected by the mean speed [m, rad].
-        motion: mean square of the recent motion, and what is unknown of the position [m², rad²].
-        noise: variance of the sensor's random error.
-    """
-    return away**2 > robustness.wild_displacement**2 * (motion + 2 * noise)
-
-
 def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, shown: Scalar) -> Scalar:
     """Return the logarithm of the likelihood ratio of a real jump to a wild reading, from the
     change of the drive's force: (2).
@@ -253,13 +241,6 @@ def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
     was `lost` for a time [s]: (12).
     """
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
-
-
-def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`, by which a wild `innovation`
-    ν counts less, (23).
-    """
-    return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))
 
 
 GOES_ON = 0.25

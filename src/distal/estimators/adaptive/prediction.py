@@ -9,6 +9,7 @@ they leave, (26b). Plays: docs/reference/adaptive-equations.md, section 5, "Play
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import combinations
 
 import casadi as ca
 
@@ -239,7 +240,8 @@ def revert(
     """Let the states that fade do so over an interval, in place: x⁺ = f x, variance σ² (1 − f²)
     added. Equation (13).
 
-    For the external torque on a joint, the variance that is `opened` is added to σ² (13b).
+    For the external torque on a joint, the variance that is `opened` is added to σ², and to the
+    covariance of two such torques what the same contact makes (13b).
     """
     dt = ca.SX.sym("dt")
     fadings = states.fadings()
@@ -252,8 +254,8 @@ def revert(
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
-    for k, (at, *_) in enumerate(fadings):
-        fade = fades[k]
+    fade_of = {at: fades[k] for k, (at, *_) in enumerate(fadings)}
+    for k, (at, fade) in enumerate(fade_of.items()):
         added = fades[len(fadings) + k]
         joint = states.torque_states.get(at)
         if joint is not None and joint in opened:
@@ -264,32 +266,14 @@ def revert(
             fade * covariance[:, at]
         )  # read once, so that the covariance is changed where it stands
         set_row(covariance, at, row, fade * row[at] + added)
-    _open_together(states, prediction, opened, interval)
-
-
-def _open_together(
-    states: StateVector,
-    prediction: Prediction,
-    opened: Mapping[int, ScalarNode],
-    interval: Interval,
-) -> None:
-    """Add the covariance of two joints' torques that the same contact makes, in place. Equation
-    (13b).
-    """
+    # the covariance of two joints' torques that the same contact makes
     context = states.context
-    covariance = prediction.covariance
     torques = [(at, joint) for at, joint in states.torque_states.items() if joint in opened]
-    for k, (at, joint) in enumerate(torques):
-        for other_at, other in torques[:k]:
-            if context.contact_shape[joint, other] == 0.0:
-                continue
-            pairs = ((joint, other), (joint, joint), (other, other))
-            shape = context.parameters(interval.p, [context.loaded_with(*pair) for pair in pairs])
-            times = [f"joints.{j}.external_torque.correlation_time" for j in (joint, other)]
-            rates = 1 / context.parameters(interval.p, times)
-            fade = ca.exp(-interval.x[0] * (rates[0] + rates[1]))
-            size = ca.sqrt(opened[joint] * opened[other] / (shape[1] * shape[2]))
-            added = covariance[at, other_at] + (1 - fade) * shape[0] * size
+    for (at, joint), (other_at, other) in combinations(torques, 2):
+        if context.contact_shape[joint, other] != 0.0:
+            together = context.parameters(interval.p, [context.loaded_with(joint, other)])
+            size = together * ca.sqrt(opened[joint] * opened[other])
+            added = covariance[at, other_at] + (1 - fade_of[at] * fade_of[other_at]) * size
             covariance[at, other_at] = added
             covariance[other_at, at] = added
 

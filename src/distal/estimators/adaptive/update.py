@@ -24,7 +24,7 @@ from distal.estimators.adaptive.drive_tracking import (
 )
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, mechanics_function
-from distal.estimators.adaptive.guard_settings import Robustness, robust_variance
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     FORCE,
@@ -443,7 +443,7 @@ def updated(
     """Return mean, covariance, and (innovations, variances) after a sample; `kept` changes in
     place.
 
-    For each row with slope A of the expected value: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺
+    For each row with slope A of the expected value: ν, S = A P Aᵀ + R', S' of `weights`, m⁺
     = m + P Aᵀ ν/S', P⁺ = P − P Aᵀ A P/S'. States that take only a share of the gain change by
     equations (24) and (25).
 
@@ -543,11 +543,15 @@ def weights(
     comparison: Comparison,
     mask: ScalarNode,
 ) -> tuple[ScalarNode, ScalarNode]:
-    """Return 1/S' where a row is used, see `robust_variance`, and the innovation to report, NaN for
-    a row that does not count (its drive is at a stop); `spread` is S.
+    """Return 1/S' where a row is used, and the innovation to report, NaN for a row that does not
+    count (its drive is at a stop).
+
+    S' = max(S, ν²/c), with c = `Robustness.wild_force`, by which a wild innovation ν counts less
+    (23); `spread` is S.
     """
     innovation = comparison.innovation
-    positive = ca.fmax(spread, SMALLEST_VARIANCE)
-    robust = positive if trusted else robust_variance(robustness, positive, innovation)
+    robust = ca.fmax(spread, SMALLEST_VARIANCE)
+    if not trusted:
+        robust = ca.fmax(robust, innovation**2 / robustness.wild_force)
     shown = ca.if_else(ca.logic_and(is_there(mask), comparison.counts), innovation, np.nan)
     return share_used(mask) / robust, shown
