@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 
 from distal.estimators import Belief, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
-from distal.estimators.adaptive.drive_tracking import (
-    MEMORY,
-    REMEMBERED,
-    TRACKED,
-    drive_of,
-    tracking,
-)
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position, tracking
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.update import (
@@ -155,7 +149,7 @@ class EnsembleFilter(KernelEstimator, ABC):
             if sensor is not None:
                 read = sample[context.channels.names.index(sensor.name)] - sensor.bias.value
                 known = bool(np.isfinite(read))
-                memory[i, 0], memory[i, REMEMBERED.index("unknown")] = (
+                memory[i, 0], memory[i, remembered_position(0, "unknown")] = (
                     (read, 0.0) if known else (0.0, UNKNOWN_POSITION[drive.kind] ** 2)
                 )
         return (
@@ -199,13 +193,13 @@ def move_function(states: StateVector, count: int) -> ca.Function:
     context, mechanism, n = states.context, states.context.mechanism, len(states)
     nd, nj, nb = context.n_drives, context.n_joints, mechanism.n_bodies
     state, shift, before = ca.SX.sym("state", n), ca.SX.sym("shift", nd), ca.SX.sym("before", nd)
-    tracks, dt, h = ca.SX.sym("tracks", len(TRACKED), nd), ca.SX.sym("dt"), ca.SX.sym("h")
-    p, starts, speeds = mechanism.parameters.symbols, [], []
+    vector, dt, h = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("dt"), ca.SX.sym("h")
+    p, tracks, starts, speeds = mechanism.parameters.symbols, Tracks(vector), [], []
     for i in range(nd):
         measured = context.position_sensor(i) is not None
         error = shift[i] if measured else 0
         first = states.position(i, before[i], state) + error
-        last = states.position(i, drive_of(tracks, i).position, state) + error
+        last = states.position(i, tracks[i].position, state) + error
         starts.append(first)
         speeds.append(
             ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0)
@@ -227,7 +221,7 @@ def move_function(states: StateVector, count: int) -> ca.Function:
         respond(dt / count, parameters),
         ca.vertcat(states.torques(state), ca.SX.zeros(nd)),
     ]
-    inputs = [state, shift, before, tracks, dt, p]
+    inputs = [state, shift, before, vector, dt, p]
     prepare = ca.Function("prepare", inputs, [ca.densify(entry) for entry in outputs])
     arguments = [ca.MX.sym(f"x{i}", *entry.shape) for i, entry in enumerate(inputs)]
     own, length = arguments[0], arguments[4]
@@ -249,17 +243,14 @@ def compare_function(states: StateVector) -> ca.Function:
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     state, kept, before = ca.SX.sym("state", n), ca.SX.sym("kept", nd), ca.SX.sym("before", nd)
-    tracks, x = ca.SX.sym("tracks", len(TRACKED), nd), ca.SX.sym("x", context.width)
-    dt = x[0]
+    vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", context.width)
+    tracks, dt = Tracks(vector), x[0]
     rates = [
-        ca.if_else(
-            dt > 0, (drive_of(tracks, i).position - before[i]) / ca.if_else(dt > 0, dt, 1), 0
-        )
+        ca.if_else(dt > 0, (tracks[i].position - before[i]) / ca.if_else(dt > 0, dt, 1), 0)
         for i in range(nd)
     ]
     memory: list[Any] = [kept[i] for i in range(nd)]
-    rows = measurement_rows_of(states, state, tracks, ca.vertcat(*rates), x)
-    comparisons = []
+    comparisons, rows = [], measurement_rows_of(states, state, tracks, ca.vertcat(*rates), x)
     for row in rows:
         comparison, remembered = _compared(context, row, tracks, kept, x)
         comparisons.append(comparison)
@@ -271,14 +262,14 @@ def compare_function(states: StateVector) -> ca.Function:
         [row.mask for row in rows],
         memory,
     ]
-    arguments = [state, kept, tracks, before, x, context.mechanism.parameters.symbols]
+    arguments = [state, kept, vector, before, x, context.mechanism.parameters.symbols]
     return ca.Function(
         "compare", arguments, ca.cse([ca.densify(ca.vertcat(*part)) for part in outputs])
     )
 
 
 def _compared(
-    context: FilterContext, row: MeasurementRow, tracks: Any, kept: Any, x: Any
+    context: FilterContext, row: MeasurementRow, tracks: Tracks, kept: Any, x: Any
 ) -> tuple[Comparison, Any]:
     """Return how a force is compared, and what to remember of its drive: a mean pull where the rig
     declares friction.
@@ -287,7 +278,7 @@ def _compared(
     changed.
     """
     if row.drive is None:
-        return Comparison(row.value, row.variance, None), None
+        return Comparison(row.residual, row.variance, None), None
     sensor, before = context.force_sensor(row.drive), kept[row.drive]
     pull = (
         context.value(x, sensor)
@@ -295,10 +286,12 @@ def _compared(
         else None
     )
     if pull is not None:
-        before = row.value + ca.if_else(before == 0, pull, before) - pull
-    residual = Residual(row.value, row.limit, row.asymmetry, row.variance, 0, 0, before, row.mask)
-    comparison = compared(context, row.drive, tracks, residual, x[0])
+        before = row.residual + ca.if_else(before == 0, pull, before) - pull
+    residual = Residual(
+        row.residual, row.limit, row.asymmetry, row.variance, 0, 0, before, row.mask
+    )
+    comparison = compared(context, row.drive, tracks[row.drive], residual, x[0])
     return (
         comparison,
-        comparison.memory if pull is None else comparison.memory - row.value + pull,
+        comparison.memory if pull is None else comparison.memory - row.residual + pull,
     )

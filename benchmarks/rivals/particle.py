@@ -60,13 +60,13 @@ class ParticleFilter(EnsembleFilter):
         kept = rest[n * size : (n + nd) * size].reshape(nd, size)
         logs = rest[(n + nd) * size :].copy()
         dt, before = row[0], memory[::MEMORY]
-        tracks = np.array(self._track(kernel_state[:n], memory.reshape(nd, MEMORY).T, row, self._p))
-        shift = np.sqrt(tracks[-1])[:, None] * rng.normal(size=(nd, size))
+        tracks = np.array(self._track(kernel_state[:n], memory, row, self._p)).ravel()
+        shift = np.sqrt(tracks[-nd:])[:, None] * rng.normal(size=(nd, size))
         states = np.array(self._move(states, shift, before, tracks, dt, self._p))
         states += self._process_stds(dt)[:, None] * rng.normal(size=(n, size))
         states = self._lowest(states)
         # the particles are spread as the places err: their forces err by the sensor alone
-        tracks[-1] = 0.0
+        tracks[-nd:] = 0.0
         compared = self._compare(states, kept, tracks, before, row, self._p)
         residuals, variances, masks, kept = (np.array(part) for part in compared)
         prior = np.exp(logs - logs.max())
@@ -92,7 +92,7 @@ class ParticleFilter(EnsembleFilter):
             [
                 mean,
                 covariance.ravel(),
-                tracks[:MEMORY].T.ravel(),
+                tracks[: nd * MEMORY],
                 np.zeros(nd),
                 states.ravel(),
                 kept.ravel(),

@@ -44,7 +44,7 @@ class UnscentedFilter(EnsembleFilter):
             kernel_state[start + nd * MEMORY : start + nd * (MEMORY + 1)],
         )
         dt, before = row[0], memory[::MEMORY]
-        tracks = np.array(self._track(kernel_state[:n], memory.reshape(nd, MEMORY).T, row, self._p))
+        tracks = np.array(self._track(kernel_state[:n], memory, row, self._p)).ravel()
         points = self._lowest(self._points(mean, covariance))
         still = np.zeros((nd, self._size))
         moved = np.array(self._move(points, still, before, tracks, dt, self._p))
@@ -74,7 +74,7 @@ class UnscentedFilter(EnsembleFilter):
             covariance = covariance - gain @ together @ gain.T
         covariance = (covariance + covariance.T) / 2
         following = np.concatenate(
-            [mean, covariance.ravel(), tracks[:MEMORY].T.ravel(), after.mean(axis=1)]
+            [mean, covariance.ravel(), tracks[: nd * MEMORY], after.mean(axis=1)]
         )
         measured = len(self.measured)
         return following, np.where(masks[:, 0] > 0, expected, np.nan)[:measured], spreads[:measured]
@@ -84,7 +84,7 @@ class UnscentedFilter(EnsembleFilter):
         differences.
         """
         nd = len(before)
-        noise = tracks[-1]
+        noise = tracks[-nd:]
         shifts = np.zeros((nd, self._size))
         for i in range(nd):
             shifts[i, 2 * i], shifts[i, 2 * i + 1] = np.sqrt(noise[i]), -np.sqrt(noise[i])

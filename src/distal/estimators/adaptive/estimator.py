@@ -279,13 +279,19 @@ class AdaptiveFilter(KernelEstimator):
         context = states.context
         inputs = self._first_sample()
         values, is_present, p = inputs
-        x = ca.vertcat(0, values, is_present)
+        channels = context.channels
+        credible = (
+            is_present[k] * context.credible(sensor, values[k])
+            for k, sensor in enumerate((*channels.proximal, *channels.angles))
+        )
+        mask = ca.vertcat(*credible)
 
         def is_there(sensor: Sensor) -> Scalar:
-            return is_read(context.mask(x, sensor))
+            return is_read(mask[self.channels.index(sensor.name)])
 
         def read(sensor: Sensor, otherwise: Scalar) -> Scalar:
-            return ca.if_else(is_there(sensor), context.value(x, sensor), otherwise)
+            value = context.corrected(sensor, values[self.channels.index(sensor.name)])
+            return ca.if_else(is_there(sensor), value, otherwise)
 
         means, stds = states.prior()
         mean = ca.SX(means)
@@ -302,7 +308,9 @@ class AdaptiveFilter(KernelEstimator):
                 mean[at], std = state.first(begin)
                 variances[at] = std**2
         # maps beside the filter read the positions of drives as it has them, without a known offset
-        placed = (context.value(x, sensor) for sensor in context.channels.positions)
+        placed = (
+            context.corrected(sensor, values[k]) for k, sensor in enumerate(channels.positions)
+        )
         outputs = [mean, variances, memory, ca.vertcat(*placed, values[self.bridged :])]
         plain = ca.Function("plain", inputs, _with_parameters(context, outputs, p))
         return self._with_maps(plain)

@@ -173,14 +173,14 @@ class Interval:
     """An interval that ends with a sample, all symbolic.
 
     Args:
-        tracks: of the drives at its end, a column of `TRACKED` values for each.
-        memory: what was remembered of the drives at its start, a column for each.
+        tracks: of the drives at its end, see `Tracks`.
+        memory: what was remembered of the drives at its start.
         x: the sample (dt, values, mask).
         p: the model's parameters.
     """
 
-    tracks: MatrixNode
-    memory: MatrixNode
+    tracks: VectorNode
+    memory: VectorNode
     x: VectorNode
     p: VectorNode
 
