@@ -123,8 +123,9 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     n = mechanism.n_bodies
     p = mechanism.parameters.symbols
     moving, closing = (_step(mechanism, is_last) for is_last in (False, True))
-    step = symbols(ca.SX, length=1, drift=1)
-    prepared = ca.Function("responses", [*step, p], [responses(mechanism, *step, rebounds=False)])
+    length, drift = symbols(ca.SX, length=1, drift=1)
+    response = responses(mechanism, length, drift, rebounds=False)
+    prepared = ca.Function("responses", [length, drift, p], [response])
 
     inputs = symbols(ca.MX, q=n, v=n, effort=n, effort_end=n, dt=1, p=p.numel())
     q, v, effort, effort_end, dt, p = inputs
