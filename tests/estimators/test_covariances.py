@@ -4,7 +4,6 @@ missing readings.
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
 
