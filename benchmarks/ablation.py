@@ -46,7 +46,7 @@ RULES: dict[str, tuple[str, str, Any]] = {
     "joints settle": ("filter_context", "SETTLES", INF),
     "most sub-steps": ("filter_context", "MOST_JOINT_SUBSTEPS", 10**6),
     "power of a lost position": ("guard_settings", "STILL_LOST", 1),
-    "wandering": ("drive_tracking", "WANDERING", INF),
+    "wandering": ("filter_inputs", "WANDERING", INF),
     "pull's std at a jump": ("drive_tracking", "PULL_STD", 0.0),
     "slow, one threshold": ("update", "SLOW_UNKNOWN", 60.0),
     "slow, declared": ("update", "SLOW_DECLARED", 80.0),

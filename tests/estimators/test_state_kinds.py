@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from distal import load_rig, make_estimator, shipped_rigs
-from distal.estimators import AdaptiveFilter, StateKind, external_torques_of, kinds_of, state_units
+from distal.estimators import AdaptiveFilter, StateKind, external_torques_of, state_units
 from distal.rig import in_words
 
 STEMS = {
@@ -28,7 +28,8 @@ def test_every_state_says_what_it_is_and_of_what(name: str) -> None:
     rig = load_rig(name)
     estimator = AdaptiveFilter(rig, compiled=False)
     joints, count = [joint.name for joint in rig.joints], len(rig.joints)
-    states = list(zip(estimator.state_names, *kinds_of(estimator), strict=True))
+    of = estimator.state_names, estimator.state_kinds, estimator.state_parts
+    states = list(zip(*of, strict=True))
     angles = [(StateKind.ANGLE, joint) for joint in joints]
     speeds = [(StateKind.SPEED, joint) for joint in joints]
     assert [state[1:] for state in states[: 2 * count]] == angles + speeds
@@ -63,12 +64,12 @@ def test_every_state_has_a_unit() -> None:
 def test_of_other_estimators_the_angles_and_speeds_are_known() -> None:
     rig = load_rig("paper-2008")
     kinematic, full = (make_estimator(name, rig, False) for name in ("inextensible", "ekf"))
-    assert kinds_of(kinematic) == (
+    assert (kinematic.state_kinds, kinematic.state_parts) == (
         (StateKind.ANGLE, StateKind.OTHER, StateKind.OTHER),
         ("link", "tendon_angle_left", "tendon_angle_right"),
     )
     assert state_units(kinematic) == ("rad",) * 3
-    found = dict(zip(full.state_names, zip(*kinds_of(full))))
+    found = dict(zip(full.state_names, zip(full.state_kinds, full.state_parts)))
     assert found["theta"] == (StateKind.ANGLE, "link")
     assert found["theta_dot"] == (StateKind.SPEED, "link")
     assert found["position_left"] == found["velocity_left"] == (StateKind.OTHER, "left")

@@ -244,57 +244,6 @@ def fill(
     np.multiply(is_finite[:bridged], bridge(rows_after + 1), out=mask[:bridged])
 
 
-def rows_with_gaps(
-    name: str, steps: Floats, samples: Floats, interval: float, bridged: int
-) -> tuple[Floats, NDArray[np.intp]]:
-    """Return a kernel's input rows (dt, values, mask) for a log, and the index of each sample's own
-    row among them.
-
-    Args:
-        name: of the estimator, for messages.
-        steps: intervals before the samples [s], (k,).
-        samples: values of the channels, NaN where missing, (k, n_channels).
-        interval: nominal interval [s].
-        bridged: number of leading channels that are interpolated along a straight line over a gap.
-
-    Raises:
-        EstimationError: too many predictions would be needed.
-    """
-    width = samples.shape[1]
-    is_finite = np.isfinite(samples)
-    filled = np.where(is_finite, samples, 0.0)
-    if (
-        len(steps) and predictions(float(steps.max()), interval) == 1
-    ):  # no gaps, as most logs: a row for each sample
-        return np.column_stack([steps, filled, is_finite]), np.arange(len(steps))
-    parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - STAMP_ROUNDING))
-    if parts.max(initial=1.0) > MOST_BRIDGES:
-        raise EstimationError(
-            f"{name}: a gap of {steps.max():g} s is too long to bridge "
-            f"(at most {MOST_BRIDGES * SPLIT * interval:g} s); split the log there"
-        )
-    if parts.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
-        raise EstimationError(
-            f"{name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value "
-            "every "
-            f"{interval:g} s: {parts.sum():.3g} predictions would be needed; set the sensors' "
-            "rate to the log's"
-        )
-    counts = parts.astype(np.int64)
-    last = np.cumsum(counts) - 1
-    rows = np.zeros((int(counts.sum()), 1 + 2 * width))
-    rows[:, 0] = np.repeat(steps / parts, counts)
-    values = rows[:, 1 : 1 + width]
-    masks = rows[:, 1 + width :]
-    values[last] = filled
-    masks[last] = is_finite
-    for i in np.flatnonzero(counts > 1):
-        for after in range(1, int(counts[i])):
-            row = last[i] - after
-            fill(values[row], masks[row], filled[i], is_finite[i], after, bridged)
-    return rows, last
-
-
 @dataclass(frozen=True)
 class Report:
     """Indices in a kernel's output y of the reported values, gains and variances of some states.
@@ -329,25 +278,14 @@ class Report:
         For one map after the other, its values, gains and variances stand in y from the index
         `start` on.
         """
-        states = list[int]()
-        parts = (list[int](), list[int](), list[int]())
+        columns = list[tuple[int, int, int, int]]()
         for group in groups:
-            for columns in parts:
-                columns += range(start, start + len(group))
-                start += len(group)
-            states += group
-        values, gains, variances = map(tuple, parts)
-        correlation = block_diag(np.zeros((0, 0)), *correlations)
-        rows = tuple(map(tuple, correlation.tolist()))
-        return cls(tuple(states), values, gains, variances, rows)
-
-    def only(self, states: Sequence[int]) -> Report:
-        """Return the report of those of its states that are in `states`."""
-        chosen = [k for k, state in enumerate(self.states) if state in states]
-        parts = (self.states, self.values, self.gains, self.variances)
-        of, values, gains, variances = (tuple(part[k] for k in chosen) for part in parts)
-        rows = tuple(tuple(self.correlation[k][i] for i in chosen) for k in chosen)
-        return Report(of, values, gains, variances, rows)
+            n = len(group)
+            columns += zip(group, *(range(start + k * n, start + k * n + n) for k in range(3)))
+            start += 3 * n
+        states, values, gains, variances = zip(*columns) if columns else 4 * ((),)
+        rows = block_diag(np.zeros((0, 0)), *correlations).tolist()
+        return cls(states, values, gains, variances, tuple(map(tuple, rows)))
 
     def means(self, means: Floats, ys: Floats) -> Floats:
         """Return the states as they are reported, (k, n), from the filter's own `means`, (k, n),
@@ -462,13 +400,33 @@ SHORTEST = 1e-9
 _BUILDING = threading.Lock()
 
 
+class StateKind(Enum):
+    """The kind of a state. Programs use this; the name of a state is for people."""
+
+    ANGLE = "angle of a joint"
+    SPEED = "speed of a joint"
+    EXTERNAL_TORQUE = "torque on a joint from outside"
+    PARAMETER = "number of the rig, or what several err by together"
+    LINEARITY = "weight of the curve of a position sensor's error"
+    POSITION = "place of a drive that nothing measures"
+    FRICTION = "friction at a drive that the rig does not declare"
+    TRANSMITTED = "effort that a drive's play passes on"
+    TRANSMISSION_ERROR = "what one play leaves out of a transmission"
+    BACKLASH = "far side of a backlash"
+    SHEATH = "point of a cable in its sheath"
+    CREEP = "slow part of a tendon's stretch"
+    SENSOR_BIAS = "offset of a sensor of force, tension or angle"
+    SENSOR_GAIN = "share by which such a sensor reads too much"
+    OTHER = "anything else"
+
+
 class KernelEstimator:
     """The base of all estimators that are one kernel (kernel_state, x, p) → (kernel_state⁺, y).
 
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
     measured channels; p are the kernel's parameters. The first states are the joints' angles. A
     missing value (NaN) becomes a zero in the mask; long intervals are bridged, see
-    `rows_with_gaps`. The `kernel` is None for an estimator that gets one later.
+    `rows`. The `kernel` is None for an estimator that gets one later.
     """
 
     def __init__(
@@ -481,6 +439,7 @@ class KernelEstimator:
         channels: Channels,
         state_names: tuple[str, ...],
         measured: tuple[str, ...] = (),
+        bridged: int = 0,
     ) -> None:
         self.name = name
         self.rig = rig
@@ -488,6 +447,13 @@ class KernelEstimator:
         self.channels = channels.names
         self.measured = measured
         self.state_names = state_names
+        joints = tuple(rig.joint_names)
+        others = state_names[len(joints) :]
+        # the kind of each state, (n,), and the component of the rig that it belongs to
+        self.state_kinds = (StateKind.ANGLE,) * len(joints) + (StateKind.OTHER,) * len(others)
+        self.state_parts = joints + others
+        # leading channels that are interpolated along a straight line over a gap
+        self.bridged = bridged
         self._p = frozen(p)
         self.interval = channels.interval  # nominal, between samples [s]
         self._begin: Evaluation | None = None
@@ -551,12 +517,10 @@ class KernelEstimator:
                 states and the memory that the rig has no prior for.
             p: the kernel's parameters, (n_p,).
         """
-        if self._begin is None:
-            with (
-                _BUILDING
-            ):  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
-                if self._begin is None:
-                    self._begin = Evaluation(self.prior_function())
+        with _BUILDING:
+            # the threads of a batch share a filter, and CasADi's symbols are not counted safely
+            if self._begin is None:
+                self._begin = Evaluation(self.prior_function())
         is_finite = np.isfinite(sample)
         mean, spread, memory = self._begin(np.where(is_finite, sample, 0.0), is_finite, p)
         n = len(mean)
@@ -597,21 +561,20 @@ class KernelEstimator:
         return means, covariances, values, variances
 
     def pieces(
-        self, belief: Belief | None, parts: Iterable[tuple[Floats, Floats]]
+        self, belief: Belief, parts: Iterable[tuple[Floats, Floats]]
     ) -> Iterator[tuple[Floats, ...]]:
         """Yield means (k, n), variances of the states (k, n), innovations (k, m) and their
         variances (k, m) of one part of a log after the other, so that only one part's covariances
         are in memory.
 
         Args:
-            belief: before the first sample; None: that of `initial`.
+            belief: before the first sample.
             parts: stamps [s], (k,), and values of the channels, (k, n_channels).
 
         Raises:
             EstimationError: as `checked_rows`.
         """
         for times, samples in parts:
-            belief = self.initial(times[0], first_values(samples)) if belief is None else belief
             n = belief.size
             kernel_states, ys = self.advanced(belief, times, samples)
             means = mean_of(kernel_states, n).copy()
@@ -710,33 +673,26 @@ class KernelEstimator:
         """The indices of the joints' angles in the state vector."""
         return slice(0, len(self.rig.joints))
 
-    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return sentences that a user should know of an estimate; by default none.
-
-        Args:
-            means: estimated states, (k, n).
-            samples: values of the channels, (k, n_channels).
+    @property
+    def unseen(self) -> str | None:
+        """A sentence on the directions of joint space that the sensors do not see, if it is known
+        that there are any.
         """
-        return ()
+        return None
+
+    @property
+    def contacts(self) -> dict[str, list[int]]:
+        """Joint → indices in the kernel state of the probability of a touch, and of the time for
+        which it has lasted [s], of each joint that may be touched.
+        """
+        return {}
 
     @property
     def touched(self) -> tuple[int, ...]:
         """Indices in the kernel state of the probability that something touches a joint, of each
         joint that may be touched; empty where the estimator looks for no touch.
         """
-        return ()
-
-    @property
-    def contacts(self) -> dict[str, list[int]]:
-        """Joint → indices in the kernel state of the probability of a touch, and of the time for
-        which it has lasted [s].
-        """
-        return {}
-
-    @property
-    def bridged(self) -> int:
-        """Number of leading channels that are interpolated along a straight line over a gap."""
-        return 0
+        return tuple(probability for probability, _ in self.contacts.values())
 
     @property
     def parameters(self) -> Floats:
@@ -765,7 +721,30 @@ class KernelEstimator:
         Raises:
             EstimationError: a gap is too long.
         """
-        return rows_with_gaps(self.name, steps, samples, self.interval, self.bridged)
+        is_finite = np.isfinite(samples)
+        filled = np.where(is_finite, samples, 0.0)
+        parts = np.maximum(1.0, np.ceil(steps / (SPLIT * self.interval) - STAMP_ROUNDING))
+        if parts.max(initial=1.0) > MOST_BRIDGES:
+            raise EstimationError(
+                f"{self.name}: a gap of {steps.max():g} s is too long to bridge "
+                f"(at most {MOST_BRIDGES * SPLIT * self.interval:g} s); split the log there"
+            )
+        if parts.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
+            raise EstimationError(
+                f"{self.name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give "
+                f"a value every {self.interval:g} s: {parts.sum():.3g} predictions would be "
+                "needed; set the sensors' rate to the log's"
+            )
+        counts = parts.astype(np.int64)
+        last = np.cumsum(counts) - 1
+        lengths, values, masks = (
+            np.repeat(of, counts, axis=0) for of in (steps / parts, filled, is_finite.astype(float))
+        )
+        for i in np.flatnonzero(counts > 1):
+            for after in range(1, int(counts[i])):
+                row = last[i] - after
+                fill(values[row], masks[row], filled[i], is_finite[i], after, self.bridged)
+        return np.column_stack([lengths, values, masks]), last
 
 
 def check_time(name: str, before: float, now: float, first: bool) -> None:
@@ -784,41 +763,6 @@ def check_time(name: str, before: float, now: float, first: bool) -> None:
             f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps "
             "must rise"
         )
-
-
-class StateKind(Enum):
-    """The kind of a state. Programs use this; the name of a state is for people."""
-
-    ANGLE = "angle of a joint"
-    SPEED = "speed of a joint"
-    EXTERNAL_TORQUE = "torque on a joint from outside"
-    PARAMETER = "number of the rig, or what several err by together"
-    LINEARITY = "weight of the curve of a position sensor's error"
-    POSITION = "place of a drive that nothing measures"
-    FRICTION = "friction at a drive that the rig does not declare"
-    TRANSMITTED = "effort that a drive's play passes on"
-    TRANSMISSION_ERROR = "what one play leaves out of a transmission"
-    BACKLASH = "far side of a backlash"
-    SHEATH = "point of a cable in its sheath"
-    CREEP = "slow part of a tendon's stretch"
-    SENSOR_BIAS = "offset of a sensor of force, tension or angle"
-    SENSOR_GAIN = "share by which such a sensor reads too much"
-    OTHER = "anything else"
-
-
-def kinds_of(estimator: KernelEstimator) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return the kind of each state of an estimator, (n,), and the component of the rig that it
-    belongs to, (n,).
-
-    Where the estimator does not give them, the first states are the joints' angles; all others are
-    `StateKind.OTHER`, and their component is their name.
-    """
-    if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
-        return estimator.state_kinds, estimator.state_parts
-    joints = estimator.rig.joint_names
-    others = estimator.state_names[len(joints) :]
-    kinds = [StateKind.ANGLE] * len(joints) + [StateKind.OTHER] * len(others)
-    return tuple(kinds), (*joints, *others)
 
 
 _UNITS = {
@@ -862,7 +806,8 @@ def state_units(estimator: KernelEstimator) -> tuple[str, ...]:
             return _OF_DRIVE[kind](rig.drive(part))
         return _UNITS.get(kind) or by_name.get(name, "")
 
-    return tuple(unit(*state) for state in zip(estimator.state_names, *kinds_of(estimator)))
+    states = estimator.state_names, estimator.state_kinds, estimator.state_parts
+    return tuple(unit(*state) for state in zip(*states))
 
 
 def states_of(
@@ -891,4 +836,5 @@ def external_torques_of(estimator: KernelEstimator) -> dict[str, int]:
     """Return joint → index of the state that is the external torque on it, in the order of the
     joints.
     """
-    return states_of(StateKind.EXTERNAL_TORQUE, estimator.rig.joint_names, *kinds_of(estimator))
+    kinds = estimator.state_kinds, estimator.state_parts
+    return states_of(StateKind.EXTERNAL_TORQUE, estimator.rig.joint_names, *kinds)

@@ -121,24 +121,11 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     pull is the derivative with respect to a shift of both ends.
     """
     n = mechanism.n_bodies
-    columns = 2 * mechanism.n_bodies + mechanism.n_drives
     p = mechanism.parameters.symbols
-    symbolic = symbols(ca.SX, q=n, v=n, effort=n, length=1, drift=1, damped=n)
-    q, v, effort, length, drift, damped = symbolic
-    kick = Kick(q, v, effort, length, drift, damped=damped)
-    q_moved, v_moved = kick_and_drift(mechanism, kick)
-    inputs = [*symbolic, p]
-    moving = _step(
-        "substep", mechanism, _linearised("kick", mechanism, inputs, v_moved, q_moved), True
-    )
-    closing = _step(
-        "last_kick",
-        mechanism,
-        _linearised("half_kick", mechanism, inputs, kick_and_drift(mechanism, kick, last=True)[1]),
-        False,
-    )
-    added = damped_inertias(mechanism.dampings(), mechanism.inertias(), kick.length)
-    prepared = ca.Function("damped", [kick.length, p], [added])
+    moving, closing = (_step(mechanism, is_last) for is_last in (False, True))
+    (length,) = symbols(ca.SX, length=1)
+    added = damped_inertias(mechanism.dampings(), mechanism.inertias(), length)
+    prepared = ca.Function("damped", [length, p], [added])
 
     inputs = symbols(ca.MX, q=n, v=n, effort=n, effort_end=n, dt=1, p=p.numel())
     q, v, effort, effort_end, dt, p = inputs
@@ -146,39 +133,34 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     half = h / 2, h, prepared(h / 2, p)
     full = h, h, prepared(h, p)
     # transposed: the slopes of one body lie side by side, so that a processor takes several at once
-    identity = ca.DM.eye(columns)
+    identity = ca.DM.eye(2 * n + mechanism.n_drives)
     s_q = ca.MX(ca.densify(identity[:, :n]))
     s_v = ca.MX(ca.densify(identity[:, n : 2 * n]))
     for i, step in enumerate([half] + [full] * (count - 1)):
         pull = effort + (i / count) * (effort_end - effort)
         q, v, s_q, s_v = moving(q, v, s_q, s_v, pull, *step, p)
-    v, s_v = closing(q, v, s_q, s_v, effort_end, *half, p)
+    _, v, _, s_v = closing(q, v, s_q, s_v, effort_end, *half, p)
     return ca.Function("tangent_interval", inputs, [q, v, ca.horzcat(s_q, s_v).T])
 
 
-def _linearised(
-    name: str, mechanism: Mechanism, symbols: list[Matrix], velocity: Vector, *more: Vector
-) -> ca.Function:
-    """Return the function of a kick with the transposed slopes of its velocity, sparse, with
-    respect to q, v and the drives' pulls.
-    """
-    q, v, effort = symbols[:3]
-    slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [
-        ca.jacobian(velocity, effort)[:, mechanism.n_joints :]
-    ]
-    dense = [ca.densify(vector) for vector in (velocity, *more)]
-    return ca.Function(name, symbols, ca.cse([*(ca.sparsify(slope).T for slope in slopes), *dense]))
+def _step(mechanism: Mechanism, is_last: bool) -> ca.Function:
+    """Return the function of a kick and the drift that follows, unless it is the last kick, which
+    also propagates the slopes.
 
-
-def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> ca.Function:
-    """Return the function of a kick and, where `drifts`, the drift that follows, which also
-    propagates the slopes.
-
-    (q, v, S_qᵀ, S_vᵀ, effort, length, drift, damped, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
+    (q, v, S_qᵀ, S_vᵀ, effort, length, drift, damped, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺).
     """
     n = mechanism.n_bodies
-    columns = 2 * mechanism.n_bodies + mechanism.n_drives
-    slopes = (columns, n)
+    slopes = 2 * n + mechanism.n_drives, n
+    of_kick = symbols(ca.SX, q=n, v=n, effort=n, length=1, drift=1, damped=n)
+    q, v, effort, length, drift, damped = of_kick
+    kick = Kick(q, v, effort, length, drift, damped=damped)
+    moved = kick_and_drift(mechanism, kick, last=is_last)
+    by_q, by_v, by_effort = (ca.jacobian(moved[1], by).T for by in of_kick[:3])
+    by_pulls = ca.vertcat(ca.SX(2 * n, n), by_effort[mechanism.n_joints :, :])
+    dense = [ca.densify(output) for output in (by_pulls, *moved)]
+    p = mechanism.parameters.symbols
+    outputs = ca.cse([ca.sparsify(by_q), ca.sparsify(by_v), *dense])
+    kicked = ca.Function("kick", [*of_kick, p], outputs)
     inputs = symbols(
         ca.MX,
         q=n,
@@ -189,20 +171,14 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
         length=1,
         drift=1,
         damped=n,
-        p=kick.size1_in(6),
+        p=p.numel(),
     )
     q, v, s_q, s_v, effort, length, drift, *more = inputs
-    by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, length, drift, *more)
+    by_q, by_v, by_pulls, q, v = kicked(q, v, effort, length, drift, *more)
     # S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort, transposed
-    flat = ca.vec(ca.mac(s_v, by_v, ca.mac(s_q, by_q, ca.MX.zeros(*slopes))))
-    rows, bodies = by_effort.sparsity().get_triplet()
-    at = [2 * n + row + columns * body for row, body in zip(rows, bodies)]
-    flat[at] = flat[at] + ca.vertcat(*(by_effort.nz[k] for k in range(len(at))))
-    following = ca.reshape(flat, *slopes)
-    outputs = (
-        [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
-    )
-    return ca.Function(name, inputs, outputs)
+    s_v = ca.mac(s_v, by_v, ca.mac(s_q, by_q, by_pulls))
+    s_q = s_q if is_last else s_q + drift * s_v
+    return ca.Function("last_kick" if is_last else "substep", inputs, [q, v, s_q, s_v])
 
 
 @dataclass(frozen=True)

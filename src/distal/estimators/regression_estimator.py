@@ -11,21 +11,15 @@ import casadi as ca
 import numpy as np
 
 from distal.errors import EstimationError
-from distal.estimators.adaptive.drive_tracking import (
-    JUDGED,
-    MEMORY,
-    begun_alone,
-    judged_alone,
-    judged_by,
-    with_evidence,
-)
+from distal.estimators.adaptive.drive_tracking import MEMORY, begun_alone, judged_alone
+from distal.estimators.adaptive.filter_inputs import JUDGED, judged_by
 from distal.estimators.estimator_protocol import (
     UNKNOWN_POSITION,
     Channels,
     KernelEstimator,
     channels_of,
 )
-from distal.expressions import symbols
+from distal.expressions import VectorNode, symbols
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
@@ -35,7 +29,6 @@ from distal.regression import (
     Samples,
     Shape,
     begun_by,
-    evidence_of_jumps,
     forces_parameters,
     from_window,
     given,
@@ -143,7 +136,15 @@ class RegressionEstimator(KernelEstimator):
             )
         self._compiled = compiled
         names = angle_names(rig.joint_names)
-        super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
+        super().__init__(
+            NAME,
+            rig,
+            None,
+            np.zeros(0),
+            channels=channels,
+            state_names=names,
+            bridged=len(channels.positions),
+        )
         self._sensors = channels
         if maps:
             self._learn(maps)
@@ -205,13 +206,6 @@ class RegressionEstimator(KernelEstimator):
         taught._learn(after)
         return taught
 
-    @property
-    def bridged(self) -> int:
-        """Number of positions, which are the first channels and go in a straight line over a
-        gap.
-        """
-        return len(self._sensors.positions)
-
     def _function(self) -> ca.Function:
         """Return the function (kernel_state, x, p) → (kernel_state⁺, y). A position is as the
         filter's `track_function` believes it; where it is in doubt, all that its motor reads is
@@ -219,55 +213,39 @@ class RegressionEstimator(KernelEstimator):
         """
         n = len(self.state_names)
         shapes = [Shape.of(learned) for learned in self.maps]
-        memories = sum(shape.memory.size for shape in shapes)
-        judged_size = sum(judge.memory.size for judge in self._judges)
+        of_maps = [map_layout(shape, len(m.joints)) for shape, m in zip(shapes, self.maps)]
         layout = kernel_state_layout(
-            n, map=memories, drives=MEMORY * self.bridged, judges=judged_size
+            n,
+            **{f"map_{k}": shape.memory.size for k, shape in enumerate(shapes)},
+            drives=MEMORY * self.bridged,
+            judges=sum(judge.memory.size for judge in self._judges),
         )
         of = Layout(
-            maps=sum(
-                map_layout(shape, len(learned.joints)).size
-                for shape, learned in zip(shapes, self.maps)
-            ),
+            **{f"map_{k}": of_map.size for k, of_map in enumerate(of_maps)},
             drives=JUDGED.size * self.bridged,
             judges=sum(judge.parameters for judge in self._judges),
         )
         inputs = symbols(ca.MX, kernel_state=layout.size, x=self._sensors.row.size, p=of.size)
         kernel_state, x, p = inputs
         dt, readings, masks = self._sensors.row.parts(x).values()
-        p_left, judged_by_p, of_judges = of.parts(p).values()
+        *of_map_p, judged_by_p, of_judges = of.parts(p).values()
+        positions = [
+            (k, judged_by_this, self._sensors.of_message(k))
+            for k, judged_by_this in enumerate(ca.vertsplit(judged_by_p, JUDGED.size))
+        ]
+        drives, judged = (kernel_state[layout[name]] for name in ("drives", "judges"))
         sample = judged_alone(
-            ca.vertsplit(kernel_state[layout["drives"]], MEMORY),
-            dt,
-            readings,
-            masks,
-            [
-                (k, judged_by_this, self._sensors.of_message(k))
-                for k, judged_by_this in enumerate(ca.vertsplit(judged_by_p, JUDGED.size))
-            ],
+            drives, dt, readings, masks, positions, self._judges, judged, of_judges
         )
-        ratios, judged = evidence_of_jumps(
-            self._judges,
-            kernel_state[layout["judges"]],
-            dt,
-            sample.off,
-            sample.real,
-            sample.masks,
-            of_judges,
-        )
-        drives = [with_evidence(drive, ratios[k]) for k, drive in enumerate(sample.drives)]
         mean = ca.MX.zeros(n)
         spread = ca.MX.zeros(n, n)
-        after = []
-        remembered = kernel_state[layout["map"]]
-        for learned, shape in zip(self.maps, shapes):
+        after = dict[str, VectorNode]()
+        maps = zip(self.maps, shapes, of_maps, of_map_p)
+        for k, (learned, shape, of_map, parameters) in enumerate(maps):
             columns = [self.channels.index(name) for name in learned.channels]
             rows = [self.rig.joint_names.index(joint) for joint in learned.joints]
-            of_map = map_layout(shape, len(rows))
-            parameters, p_left = p_left[: of_map.size], p_left[of_map.size :]
-            memory, remembered = remembered[: shape.memory.size], remembered[shape.memory.size :]
-            values, _, variances, following = map_function(shape, len(rows))(
-                memory,
+            values, _, variances, after[f"map_{k}"] = map_function(shape, len(rows))(
+                layout.part(kernel_state, f"map_{k}"),
                 dt,
                 sample.off[columns],
                 sample.masks[columns],
@@ -279,13 +257,12 @@ class RegressionEstimator(KernelEstimator):
             stds = ca.sqrt(variances)
             mean[rows] = values
             spread[rows, rows] = of_map.part(parameters, "correlation") * ca.mtimes(stds, stds.T)
-            after.append(following)
         following = layout.joined(
             mean=mean,
             covariance=spread,
-            map=ca.vertcat(*after),
-            drives=ca.vertcat(ca.MX(0, 1), *drives),
-            judges=judged,
+            **after,
+            drives=sample.drives,
+            judges=sample.judges,
         )
         return ca.Function("regression", inputs, [following, ca.MX.zeros(1)])
 

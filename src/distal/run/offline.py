@@ -26,7 +26,6 @@ from distal.estimators import (
     KernelEstimator,
     RegressionEstimator,
     StateKind,
-    kinds_of,
     make_estimator,
     state_units,
     usual_estimator,
@@ -241,9 +240,8 @@ def without_covariances(
         step = 1 + AT_ONCE // chosen.kernel.sizes.kernel_state
         parts = (slice(begin, begin + step) for begin in range(0, len(time), step))
         pieces = chosen.pieces(run.start, ((time[part], run.samples[part]) for part in parts))
-    kinds, _ = kinds_of(chosen)
     reported = (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE)
-    kept = [i for i, kind in enumerate(kinds) if every or kind in reported]
+    kept = [i for i, kind in enumerate(chosen.state_kinds) if every or kind in reported]
     widths = (len(kept), len(kept), len(chosen.measured), len(chosen.measured))
     whole = [np.empty((len(time), width)) for width in widths]
     ends = list[list[Floats]]()
@@ -333,15 +331,14 @@ def finished(
         innovations = innovations[:, columns]
         variances = variances[:, columns]
     measured = tuple(chosen.measured[i] for i in columns)
-    states = [*zip(chosen.state_names, *kinds_of(chosen), state_units(chosen))]
-    kept = [*range(len(states))] if kept is None else [*kept]
-    names, kinds, parts, units = zip(*(states[i] for i in kept))
+    units = state_units(chosen)
+    kept = [*range(len(units))] if kept is None else [*kept]
     prior_means, prior_stds = (of[kept] for of in priors_of(chosen))
     return Estimate(
         chosen.name,
         chosen.rig.name,
         log.time,
-        names,
+        tuple(chosen.state_names[i] for i in kept),
         frozen(means),
         frozen(spreads),
         measured,
@@ -351,15 +348,15 @@ def finished(
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
-        notes=chosen.notes_of(means, run.samples),
+        notes=() if chosen.unseen is None else (chosen.unseen,),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,
         torque_truths=torques,
-        unseen=chosen.unseen if isinstance(chosen, AdaptiveFilter) else None,
-        state_kinds=kinds,
-        state_parts=parts,
-        state_units=units,
+        unseen=chosen.unseen,
+        state_kinds=tuple(chosen.state_kinds[i] for i in kept),
+        state_parts=tuple(chosen.state_parts[i] for i in kept),
+        state_units=tuple(units[i] for i in kept),
     )
 
 
@@ -599,6 +596,6 @@ def correct(
     run = prepared(log, AdaptiveFilter(rig, compiled))
     kernel_states, ys = run.estimator.advanced(run.start, log.time, run.samples)
     states = kernel_states[:, : means.shape[1]]
-    report = run.estimator.report.only(range(len(rig.joints)))
+    report = run.estimator.report
     means[last] += report.means(states, ys) - states
     covariances[last] = report.covariances(covariances[last], ys)

@@ -23,9 +23,8 @@ from distal.estimators.adaptive.drive_tracking import (
     BothReadings,
     begun_alone,
     judged_alone,
-    judged_by,
-    with_evidence,
 )
+from distal.estimators.adaptive.filter_inputs import judged_by
 from distal.expressions import VectorNode
 from distal.kernels import Feed, Kernel, Layout, advance
 from distal.logs import Log
@@ -35,7 +34,6 @@ from distal.regression import (
     JudgedJumps,
     Shape,
     begun_by,
-    evidence_of_jumps,
     forces_function,
     forces_parameters,
 )
@@ -242,28 +240,22 @@ class Redundancy:
         jumps after it, by the names of the layout.
         """
         first, dt, values, mask = (came[name] for name in ("first", "dt", "values", "mask"))
-        tracks = [
-            ca.if_else(first, begun_alone(values[k], mask[k]), was["tracks"][:, i])
-            for i, (k, *_) in enumerate(self.judged)
-        ]
+        begun = [begun_alone(values[k], mask[k]) for k, *_ in self.judged]
         positions = [(k, ca.MX(ca.DM(judged)), message) for k, judged, message in self.judged]
-        sample = judged_alone(tracks, dt, values, mask, positions)
         judges = self._judges
-        begun = [j.begun(values[list(j.positions)], mask[list(j.positions)]) for j in judges]
-        ratios, judged_jumps = evidence_of_jumps(
-            judges,
-            ca.if_else(first, ca.vertcat(*begun), was["judges"]),
+        at_first = [j.begun(values[list(j.positions)], mask[list(j.positions)]) for j in judges]
+        sample = judged_alone(
+            ca.if_else(first, ca.vertcat(ca.MX(0, 1), *begun), ca.vec(was["tracks"])),
             dt,
-            sample.off,
-            sample.real,
-            sample.masks,
+            values,
+            mask,
+            positions,
+            judges,
+            ca.if_else(first, ca.vertcat(*at_first), was["judges"]),
             ca.DM(np.concatenate([forces_parameters(judge.learned) for judge in judges])),
         )
-        drives = [
-            with_evidence(drive, ratios[k]) for drive, (k, *_) in zip(sample.drives, self.judged)
-        ]
-        tracked = ca.horzcat(ca.MX(MEMORY, 0), *drives)
-        return sample, {"judges": judged_jumps, "tracks": tracked}
+        tracks = ca.reshape(sample.drives, MEMORY, len(self.judged))
+        return sample, {"judges": sample.judges, "tracks": tracks}
 
 
 @dataclass(frozen=True)

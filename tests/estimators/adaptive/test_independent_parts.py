@@ -90,7 +90,7 @@ def test_inputs_of_a_fit_reach_their_part(rig: Rig) -> None:
     own = [part.states.context.mechanism.parameters for part in parts]
     assert own[0].inputs == ("tendons.0.stiffness", "sensors.0.noise")
     assert own[1].inputs == ("joints.0.inertia",)
-    at = parts[1].parameters[own[1].names.index("joints.0.inertia")]
+    at = parts[1].at["p"][own[1].names.index("joints.0.inertia")]
     assert whole.states.context.mechanism.parameters.names[at] == paths[0]
 
 

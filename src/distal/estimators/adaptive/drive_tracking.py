@@ -10,11 +10,8 @@ from math import log
 from typing import Generic
 
 import casadi as ca
-import numpy as np
 
-from distal.arrays import Floats
-from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.filter_inputs import USUAL, mechanics_function, usual_motion
+from distal.estimators.adaptive.filter_inputs import JUDGED, mechanics_function
 from distal.estimators.adaptive.guard_settings import (
     GOES_ON,
     SETTLED,
@@ -22,16 +19,12 @@ from distal.estimators.adaptive.guard_settings import (
     SHIFTED_FELT,
     Robustness,
     chance_of_jump,
-    is_far,
     jump_evidence,
 )
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar, ScalarNode, VectorNode, dense_function, symbols
 from distal.kernels.layout import Layout, is_bridge, is_read, is_there, rows_left
-from distal.regression import MOST_EVIDENCE, added
-from distal.rig import Rig, Sensor
-from distal.sensor_models import variance
+from distal.regression import MOST_EVIDENCE, JudgedJumps, added, evidence_of_jumps
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz. Source:
@@ -59,11 +52,6 @@ SMALLEST_SCALE = 1e-300
 SAME = 1e-12
 """Square of a difference, in variances of the noise, below which readings are the same [1]. Source:
 rounding.
-"""
-
-WANDERING = 1.0
-"""Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
-back [s]. Source: benchmark (benchmarks.ablation).
 """
 
 
@@ -176,7 +164,7 @@ def tracking(states: StateVector) -> ca.Function:
     drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
         if context.position_sensor(i) is not None:
-            track = track_function(context.robustness, _judged(context, i))
+            track = track_function(context.robustness, context.force_sensor(i) is not None)
             remembered = memory[MEMORY * i : MEMORY * (i + 1)]
             drives[i] = track(remembered, readings[i], x[0], faded(x[0]))
     bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
@@ -187,13 +175,7 @@ def tracking(states: StateVector) -> ca.Function:
 READING = Layout(
     reading=1,
     mask=1,
-    noise=1,
-    dead=1,
-    wandering=1,
-    usual=1,
-    centre=1,
-    scale=1,
-    felt=1,
+    **dict.fromkeys(JUDGED.names, 1),
     missing=1,
     force_mask=1,
     stiffness=1,
@@ -212,11 +194,6 @@ one tendon, which can go slack, else 0; the variance of U − F where there was 
 friction, uncertainty of the pull), and U. Source:
 definition (layout of a vector).
 """
-
-
-def _judged(context: FilterContext, drive: int) -> bool:
-    """Return whether a drive's force can tell a real jump of its position from a wild reading."""
-    return context.force_sensor(drive) is not None and context.robustness.guards_displacements
 
 
 def _readings(states: StateVector) -> ca.Function:
@@ -248,14 +225,10 @@ def _readings(states: StateVector) -> ca.Function:
             position = memory[remembered_position(i, "position")]
             lag = context.number(f"{context.path(sensor)}.lag")
             reading = position + (reading - position) * (1 - ca.exp(-x[0] / lag))
-        rate = context.number(f"{context.path(sensor)}.rate")
-        dead = DEAD_INTERVALS / rate
-        wandering = UNKNOWN_POSITION[context.rig.drives[i].kind] / WANDERING
-        usual = [context.number(f"{context.path(sensor)}.{name}") for name in USUAL]
-        table[: 5 + len(usual), i] = ca.vertcat(
-            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering, *usual
-        )
-        if force is not None and _judged(context, i):
+        judged = (context.number(f"{context.path(sensor)}.{name}") for name in JUDGED.names[1:])
+        of_position = [reading, context.mask(x, sensor), context.noise(sensor), *judged]
+        table[: len(of_position), i] = ca.vertcat(*of_position)
+        if force is not None:
             friction = limits[nj + i] + states.added(("friction", i), mean)
             effort = context.value(x, force)
             error = states.added(("reading", force.name), mean, effort)
@@ -267,7 +240,7 @@ def _readings(states: StateVector) -> ca.Function:
                 context.number(f"drives.{i}.{name}") for name in ("held_stiffness", "shown_share")
             )
             alone = len(context.mechanism.pulled_by(nj + i)) == 1
-            table[5 + len(USUAL) :, i] = ca.vertcat(
+            table[len(of_position) :, i] = ca.vertcat(
                 effort - pull,
                 context.mask(x, force),
                 stiffness,
@@ -328,14 +301,6 @@ def _evidence_of_force(
     return judges, ca.if_else(is_after_old, log(SHIFTED_FELT / SHIFTED), ratio)
 
 
-def _lost_variance(motion: Scalar, wandering: Scalar, silence: Scalar) -> Scalar:
-    """Return the variance of a drive's position without a reading, equation (4): by the `motion`
-    that it had, whose error grows with time, not with the root of time; or, from then on where
-    `silence` is above 0 s, because it may have begun to move whatever it did before.
-    """
-    return ca.fmax(motion, (wandering * ca.fmax(silence, 0)) ** 2)
-
-
 def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     """Return the function (memory, `READING`, dt, `faded`) → what is known of a drive after a
     reading, `TRACKED`; a missing reading is bridged by the mean speed, which fades.
@@ -373,7 +338,8 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     jump = raw - shift
     # (1) far: more than the recent motion can have led to
     explained = recent * time * time + ca.if_else(shift != 0, 0, unknown)
-    far = read * ca.logic_not(goes_on) * is_far(robustness, jump, explained, noise)
+    farthest = robustness.wild_displacement**2 * (explained + 2 * noise)
+    far = read * ca.logic_not(goes_on) * (jump**2 > farthest)
     # (2) the chance that the jump is real: by where the logs were, and by the drive's force
     judges, ratio = _evidence_of_force(judged, jump, repeats, *force)
     # the evidence on a reading that stood still since its jump is none on the next one
@@ -400,8 +366,10 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     seen = ca.if_else(bridged, moved / ca.if_else(dt > 0, dt, 1), seen)
     believed = ca.if_else(is_there(mask), ca.if_else(far, real, 1), 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
-    # (4) a drive that is lost
-    astray = _lost_variance(ca.fmax(unknown, recent * time * time + noise), wandering, time - dead)
+    # (4) a drive that is lost: by the motion that it had, whose error grows with time, not with the
+    # root of time; or, once the sensor is dead, because it may have begun to move whatever it did
+    led = ca.fmax(unknown, recent * time * time + noise)
+    astray = ca.fmax(led, (wandering * ca.fmax(time - dead, 0)) ** 2)
     either = either_variance(real, shift)
     same = ca.logic_and(read, moved**2 < SAME * noise)
     is_old = ca.logic_and(same, ca.logic_or(1 - judges, force[-1] == effort))
@@ -431,20 +399,6 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
     return dense_function("drive", inputs, [ca.vertcat(*vars(drive).values())])
 
 
-JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
-"""Layout of what a position is judged by where no force judges it: the variance of its noise, the
-time without a value after which it may not come back [s], the growth of its std after that, and its
-`usual_motion`. Source: definition (layout of a vector).
-"""
-
-
-def judged_by(rig: Rig, sensor: Sensor) -> Floats:
-    """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
-    wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
-    dead = DEAD_INTERVALS / sensor.rate
-    return np.array([variance(sensor), dead, wandering, *usual_motion(rig, sensor)])
-
-
 def begun_alone(reading: Expression, is_there: Expression, unknown: float = 0.0) -> Expression:
     """Return what is remembered of a position at its first sample; it is `unknown` with that
     variance where it is not read.
@@ -465,7 +419,8 @@ class BothReadings:
         doubts: variances beside that, (n,).
         masks: of the readings that count, (n,).
         chance: that the jumps were real.
-        drives: what is remembered of each position.
+        drives: what is remembered of all positions.
+        judges: what is remembered of what forces say of jumps.
         lasting: whether the jump of each reading lasts, (n,).
     """
 
@@ -474,26 +429,34 @@ class BothReadings:
     doubts: VectorNode
     masks: VectorNode
     chance: ScalarNode
-    drives: list[VectorNode]
+    drives: VectorNode
+    judges: VectorNode
     lasting: VectorNode
 
 
 def judged_alone(
-    memories: Sequence[VectorNode],
+    memory: VectorNode,
     dt: ScalarNode,
     readings: VectorNode,
     masks: VectorNode,
     positions: Sequence[tuple[int, VectorNode, Sequence[int]]],
+    judges: Sequence[JudgedJumps],
+    of_judges: VectorNode,
+    parameters: VectorNode,
 ) -> BothReadings:
-    """Return a sample's readings where no force judges a position; see `track_function`.
+    """Return a sample's readings where no force judges a position but by maps; see
+    `track_function`.
 
     Args:
-        memories: what is remembered of each position.
+        memory: what is remembered of the positions.
         dt: since the sample before [s].
         readings: of the channels, (n,).
         masks: of them, (n,).
         positions: of each its index, what it is judged by, `JUDGED`, and the indices of what its
             motor reads with it.
+        judges: what forces say of jumps.
+        of_judges: what these remember.
+        parameters: of these.
     """
     off = ca.MX(readings)
     real = ca.MX(readings)
@@ -503,10 +466,10 @@ def judged_alone(
     chance = ca.MX(0)
     drives = []
     track = track_function(Robustness(), False)
-    for memory, (k, judged, message) in zip(memories, positions):
+    for own, (k, judged, message) in zip(ca.vertsplit(memory, MEMORY), positions):
         came = {"reading": readings[k], "mask": masks[k], **JUDGED.parts(judged)}
         given = ca.vertcat(*(came.get(name, 0) for name in READING.names))
-        drive = track(memory, given, dt, faded(dt))[:MEMORY]
+        drive = track(own, given, dt, faded(dt))[:MEMORY]
         branch = branches(drive)
         off[k] = branch["off"]
         real[k] = branch["real"]
@@ -515,21 +478,17 @@ def judged_alone(
         chance = ca.fmax(chance, branch["chance"])
         masks[list(message)] *= branch["believed"]
         drives.append(drive)
-    return BothReadings(off, real, doubts, masks, chance, drives, lasting)
+    ratios, judged = evidence_of_jumps(judges, of_judges, dt, off, real, masks, parameters)
+    evidence, shift = (REMEMBERED.index(name) for name in ("evidence", "shift"))
+    for drive, (k, *_) in zip(drives, positions):
+        drive[evidence] = added(drive[evidence], ratios[k] * (drive[shift] != 0))
+    together = ca.vertcat(ca.MX(0, 1), *drives)
+    return BothReadings(off, real, doubts, masks, chance, together, judged, lasting)
 
 
 def either_variance(real: Expression, shift: Expression) -> Expression:
     """Return the variance of a position that is off by a shift or not: p (1 − p) s²."""
     return (1 - real) * real * shift**2
-
-
-def with_evidence(memory: VectorNode, ratio: VectorNode) -> VectorNode:
-    """Return what is remembered of a drive after evidence that its last jump was real."""
-    changed = ca.MX(memory)
-    at = REMEMBERED.index("evidence")
-    has_jumped = memory[REMEMBERED.index("shift")] != 0
-    changed[at] = added(memory[at], ratio * has_jumped)
-    return changed
 
 
 def branches(memory: Expression) -> dict[str, Expression]:

@@ -18,7 +18,6 @@ from distal.estimators.adaptive.drive_tracking import (
     begun_alone,
     branches,
     either_variance,
-    remembered_position,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
@@ -49,7 +48,7 @@ from distal.regression import (
     map_parameters,
     reporting_function,
 )
-from distal.rig import LearnedMap, LearnedMaps, Rig, Sensor
+from distal.rig import LearnedMaps, Rig, Sensor
 
 Read = Callable[[Sensor, Scalar], Scalar]
 """Function that returns a sensor's first value, or its second argument where that value
@@ -160,12 +159,10 @@ class AdaptiveFilter(KernelEstimator):
         self.states = state_vector(
             rig, tuple(references), tuple(inputs), robustness, tuple(kinds), folded
         )
-        self.state_kinds = self.states.state_kinds
-        self.state_parts = self.states.state_parts
         self._resolution = resolution
         self._home_std = home_std
         # a smoother goes back over the filter's own states
-        self.maps = LearnedMaps() if trace or rig.map is None else rig.map
+        self._take(LearnedMaps() if trace or rig.map is None else rig.map)
         self.structure = self._structure(trace)
         kernel = kernel_of(
             self.structure,
@@ -173,7 +170,7 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self.states.context.mechanism.parameters.values
-        parameters = np.concatenate([parameters, *self._map_parameters()])
+        parameters = np.concatenate([parameters, *self._map_parameters])
         measured = tuple(sensor.name for sensor in channels.compared)
         super().__init__(
             name,
@@ -183,7 +180,10 @@ class AdaptiveFilter(KernelEstimator):
             channels=channels,
             state_names=self.states.names,
             measured=measured,
+            bridged=len(channels.positions),
         )
+        self.state_kinds = self.states.state_kinds
+        self.state_parts = self.states.state_parts
         # maps on readings alone only share in the answer of those beside the filter
         answering = self._reported[: len(self.maps.filter)]
         self.report = Report.behind(
@@ -192,35 +192,32 @@ class AdaptiveFilter(KernelEstimator):
             [placed.learned.arrays["correlation"] for placed in answering],
         )
 
-    @property
-    def _reporting_maps(self) -> tuple[LearnedMap, ...]:
-        """Those beside the filter, and those that share in the angles."""
-        return (*self.maps.filter, *self.maps.pooled)
-
-    def _map_parameters(self) -> list[Floats]:
-        """Return the parameters of its maps."""
-        judges = (forces_parameters(judge.learned) for judge in self._judges)
-        return [*map(map_parameters, self._reporting_maps), *judges]
-
-    @property
-    def _reported(self) -> list[ReportedMap]:
-        """Each map that is reported."""
-        context = self.states.context
-        names = context.channels.names
-        joints = context.rig.joint_names
-        homes = {sensor.of: names.index(sensor.name) for sensor in context.channels.angles}
-        reported = []
-        for learned in self._reporting_maps:
-            channels = tuple(names.index(channel) for channel in learned.channels)
-            states = tuple(joints.index(joint) for joint in learned.joints)
-            is_homed = self._home_std is not None
-            given = tuple(homes[joint] for joint in learned.joints) if is_homed else ()
-            reported.append(ReportedMap(learned, channels, states, given))
-        return reported
+    def _take(self, maps: LearnedMaps) -> None:
+        """Take maps: those beside the filter, and those that share in the angles, are reported."""
+        channels = self.states.context.channels
+        names = channels.names
+        joints = self.states.context.rig.joint_names
+        is_homed = self._home_std is not None
+        homes = {sensor.of: names.index(sensor.name) for sensor in channels.angles}
+        self.maps = maps
+        self._reported = [
+            ReportedMap(
+                learned,
+                tuple(map(names.index, learned.channels)),
+                tuple(map(joints.index, learned.joints)),
+                tuple(homes[joint] for joint in learned.joints) if is_homed else (),
+            )
+            for learned in (*maps.filter, *maps.pooled)
+        ]
+        # what forces say of jumps
+        self._judges = JudgedJumps.among(maps.efforts if self._reported else (), names)
+        of_maps = [map_parameters(placed.learned) for placed in self._reported]
+        of_judges = [forces_parameters(judge.learned) for judge in self._judges]
+        self._map_parameters = of_maps + of_judges
 
     def _reporting(self, function: ca.Function) -> ca.Function:
         """Return the filter with the values of its maps among its outputs."""
-        if not self._reporting_maps:
+        if not self._reported:
             return function
         n = len(self.states.names)
         shares = tuple(self._of_torques("share"))
@@ -235,12 +232,6 @@ class AdaptiveFilter(KernelEstimator):
             self._judges,
             self._of_positions("evidence"),
         )
-
-    @property
-    def _judges(self) -> list[JudgedJumps]:
-        """What forces say of jumps."""
-        names = self.states.context.channels.names
-        return JudgedJumps.among(self.maps.efforts if self._reporting_maps else (), names)
 
     def _tracked(self, function: ca.Function) -> ca.Function:
         """Return the function (kernel_state, p) → the positions of the drives as their sensors
@@ -286,9 +277,9 @@ class AdaptiveFilter(KernelEstimator):
         """
         states = self.states
         context = states.context
-        channels = context.channels
         inputs = self._first_sample()
         values, is_present, p = inputs
+        channels = context.channels
         credible = (
             is_present[k] * context.credible(sensor, values[k])
             for k, sensor in enumerate((*channels.proximal, *channels.angles))
@@ -358,12 +349,6 @@ class AdaptiveFilter(KernelEstimator):
             memory = ca.vertcat(memory, judge.begun(values[at], is_present[at]))
         return ca.Function("prior", inputs, [mean, variances, memory])
 
-    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return a sentence on the directions of joint space that the sensors do not see, if there
-        are any.
-        """
-        return () if self.unseen is None else (self.unseen,)
-
     @cached_property
     def unseen(self) -> str | None:
         """A sentence on the directions of joint space that the sensors do not see; None where they
@@ -372,19 +357,12 @@ class AdaptiveFilter(KernelEstimator):
         seen = directions(self.rig)
         return seen.text if len(seen.missed) and len(self.rig.joints) > 1 else None
 
-    @property
-    def bridged(self) -> int:
-        """Number of displacements, which are the first channels and are interpolated along a
-        straight line over a gap.
-        """
-        return len(self.states.context.channels.positions)
-
     def with_maps(self, maps: LearnedMaps) -> AdaptiveFilter:
         """Return the same filter, kernel included, with other numbers in its maps."""
         changed = copy(self)
-        changed.maps = maps
+        changed._take(maps)
         parameters = self.parameters[: len(self.parameter_names)]
-        changed._p = frozen(np.concatenate([parameters, *changed._map_parameters()]))
+        changed._p = frozen(np.concatenate([parameters, *changed._map_parameters]))
         changed._begin = None
         return changed
 
@@ -450,16 +428,9 @@ class AdaptiveFilter(KernelEstimator):
         drives = context.rig.drive_names
         begin = adaptive_layout(self.states)["drives"].start
         return [
-            begin + remembered_position(drives.index(sensor.of), part)
+            begin + MEMORY * drives.index(sensor.of) + REMEMBERED.index(part)
             for sensor in context.channels.positions
         ]
-
-    @property
-    def touched(self) -> tuple[int, ...]:
-        """Indices in the kernel state of the probability that something touches a joint, of each
-        joint that may be touched.
-        """
-        return tuple(self._of_torques("probability"))
 
     def _of_torques(self, part: str) -> list[int]:
         """Return the indices in the kernel state of a part of what is remembered of each torque."""

@@ -154,17 +154,6 @@ class FilterContext:
         ratio, share = self.ratios(joint).get(drive, (0.0, 0.0))
         return ratio * share / lever
 
-    def forces_by_torque(self, joint: int) -> dict[str, str]:
-        """Return force or tension → name of its `by_torque`, for those that a torque on the joint
-        changes.
-        """
-        name = self.rig.joints[joint].name
-        return {
-            sensor.name: f"{self.path(sensor)}.by_torque.{name}"
-            for sensor in self.forces
-            if self.by_torque(joint, sensor) != 0.0
-        }
-
     def by_contact(self, joint: int) -> dict[str, float]:
         """Return force or tension → its change by a contact's torque on a joint, with the torques
         on other joints that come with it.
@@ -200,7 +189,7 @@ class FilterContext:
         return self.touchable, loaded, [list(self.by_contact(joint)) for joint in self.touchable]
 
     def loaded_with(self, joint: int, other: int) -> str:
-        """Return the name of the entry of `contact_shape` for two joints."""
+        """Return the name of the correlation of the torques that contacts make on two joints."""
         return f"joints.{joint}.loaded_with.{self.rig.joints[other].name}"
 
     @cached_property
@@ -301,7 +290,7 @@ class FilterContext:
         if sensor.measures != "position" or not self.robustness.asks_positions:
             return 1
         path = self.path(sensor)
-        return ca.fabs(reading - self.number(f"{path}.centre")) <= self.number(f"{path}.farthest")
+        return ca.fabs(reading - self.number(f"{path}.middle")) <= self.number(f"{path}.farthest")
 
     def possible_positions(self, sensor: Sensor) -> tuple[float, float]:
         """Return the middle of what a position sensor can read, and the largest distance from it:

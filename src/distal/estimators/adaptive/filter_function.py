@@ -9,21 +9,21 @@ kernel: the covariance between them is zero and stays zero.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, Tracks, tracking
 from distal.estimators.adaptive.filter_context import DERIVED
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, states_of_rig
 from distal.estimators.adaptive.joint_motion import Moved, moved
 from distal.estimators.adaptive.prediction import follow, play, predicted, revert, within_play
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
-    DRIVE,
     FORCE,
     TORQUE,
     Remembered,
@@ -34,7 +34,7 @@ from distal.estimators.adaptive.update import depths_in_stops, updated
 from distal.estimators.estimator_protocol import Channels
 from distal.expressions import MatrixNode, VectorNode, symbols
 from distal.kernels import Indices, Layout, PlacedKernel, kernel_state_layout, side_by_side
-from distal.rig import Sensor, Subsystem, independent_parts
+from distal.rig import Subsystem, independent_parts
 
 
 def adaptive_layout(states: StateVector) -> Layout:
@@ -59,12 +59,14 @@ def adaptive_function(
     """
     context = states.context
     layout = adaptive_layout(states)
-    filters = [
-        (part, adaptive_function(part.states, resolution, trace)) for part in subsystems_of(states)
-    ]
-    if filters:
-        return filter_by_parts(states, filters, layout, trace)
     parameters = len(context.mechanism.parameters)
+    parts = subsystems_of(states)
+    if parts:
+        filters = [adaptive_function(part.states, resolution, trace) for part in parts]
+        m = 2 * len(context.channels.compared)
+        outputs = len(_places(states)["y"]) if trace else m
+        sizes = layout.size, context.width, parameters, outputs
+        return side_by_side("adaptive", [part.of(f) for part, f in zip(parts, filters)], sizes)
     inputs = symbols(ca.MX, kernel_state=layout.size, x=context.width, p=parameters)
     kernel_state, x, p = inputs
     mean, covariance, memory = (
@@ -130,23 +132,17 @@ class Apart:
 
     Args:
         states: its state vector.
-        at: indices of its states, (n,).
-        drives: of its drives.
-        inputs: of its inputs x = (dt, values, mask).
-        parameters: of its model's parameters.
-        compared: of its innovations.
-        forces: of its forces that are asked for a touch, among all that are.
-        touchable: of its joints that may be touched, among all that may be.
+        at: vector of a kernel (kernel_state, x, p, y) → indices of its numbers in that of the
+            whole; y as with `trace`.
     """
 
     states: StateVector
-    at: Indices
-    drives: Indices
-    inputs: Indices
-    parameters: Indices
-    compared: Indices
-    forces: Indices
-    touchable: Indices
+    at: dict[str, Indices]
+
+    def of(self, function: ca.Function) -> PlacedKernel:
+        """Return the filter of the subsystem, `function`, as a part of the whole."""
+        at = {**self.at, "y": self.at["y"][: function.numel_out(1)]}
+        return PlacedKernel(function, **at)
 
 
 @lru_cache(maxsize=32)
@@ -158,8 +154,8 @@ def subsystems_of(states: StateVector) -> tuple[Apart, ...]:
         return ()
     filters = tuple(_apart(states, part) for part in parts)
     # a state that two parts have in common, or that neither has, would tie them
-    covered = np.sort(np.concatenate([part.at for part in filters]))
-    return filters if np.array_equal(covered, np.arange(len(states))) else ()
+    covered = [key for part in filters for key in _keys(part.states)]
+    return filters if sorted(covered) == sorted(_keys(states)) else ()
 
 
 def _apart(states: StateVector, part: Subsystem) -> Apart:
@@ -167,37 +163,65 @@ def _apart(states: StateVector, part: Subsystem) -> Apart:
     parameters = context.mechanism.parameters
     inputs = part.own_paths(parameters.inputs)
     channels = _channels(part, context.channels)
-    part_states = states_of_rig(
+    own = states_of_rig(
         part.rig, inputs, channels, context.robustness, states.kinds, parameters.folded
     )
-    at = _among(_keys(states), _keys(part_states))
-    values = _among(context.channels.names, channels.names)
-    forces = compared_forces(part_states.context)
-    names = part_states.context.mechanism.parameters.names
-    return Apart(
-        part_states,
-        at,
-        np.array(part.indices["drives"], dtype=np.intp),
-        np.concatenate([[0], 1 + values, 1 + len(context.channels.names) + values]),
-        np.array([parameters.index(_whole_name(part, at, name)) for name in names], dtype=np.intp),
-        _among(context.channels.compared, channels.compared),
-        _among(compared_forces(context), forces),
-        _among(context.touchable, [j for j in part.indices["joints"] if j in context.touchable]),
-    )
+    whole = _places(states)
+    at = {name: _among(whole[name], places) for name, places in _places(own).items()}
+    of_states = _among(_keys(states), _keys(own))
+    names = own.context.mechanism.parameters.names
+    at["p"] = _among(parameters.names, [_whole_name(part, of_states, name) for name in names])
+    return Apart(own, at)
+
+
+def _places(states: StateVector) -> dict[str, list[tuple[str, object]]]:
+    """Return a vector of the kernel → what each of its numbers is, in the words of the rig."""
+    context = states.context
+    rig = context.rig
+    channels = context.channels
+    keys = _keys(states)
+    square = [(row, column) for column in keys for row in keys]
+    forces = [sensor.name for sensor in compared_forces(context)]
+    torques = [rig.joint_names[joint] for joint in context.touchable]
+    compared = [sensor.name for sensor in channels.compared]
+    kernel_state: dict[str, Iterable[object]] = {
+        "mean": keys,
+        "covariance": square,
+        "drives": product(rig.drive_names, REMEMBERED),
+        "forces": rig.drive_names,
+        "evidence": product(forces, FORCE.names),
+        "torques": product(torques, TORQUE.names),
+    }
+    x: dict[str, Iterable[object]] = {
+        "dt": [None],
+        "values": channels.names,
+        "mask": channels.names,
+    }
+    y: dict[str, Iterable[object]] = {
+        "values": compared,
+        "variances": compared,
+        "mean": keys,
+        "covariance": square,
+        "transition": square,
+    }
+    return {
+        vector: [(name, place) for name, places in parts.items() for place in places]
+        for vector, parts in (("kernel_state", kernel_state), ("x", x), ("y", y))
+    }
 
 
 def _among(whole: Sequence[object], part: Sequence[object]) -> Indices:
     """Return the indices of some things among all, −1 for one that is not among them."""
-    return np.array([whole.index(item) if item in whole else -1 for item in part], dtype=np.intp)
+    index = {item: i for i, item in enumerate(whole)}
+    return np.array([index.get(item, -1) for item in part], dtype=np.intp)
 
 
 def _whole_name(part: Subsystem, at: Indices, name: str) -> str:
     """Return the name among the whole filter's inputs for an input of a subsystem, whose states
     have the indices `at` in the whole.
     """
-    derived = name.startswith(DERIVED)
     path = name.removeprefix(DERIVED)
-    if not derived:
+    if path == name:
         return part.whole_path(name)
     if path.startswith("state."):
         _, index, key = path.split(".")
@@ -205,71 +229,24 @@ def _whole_name(part: Subsystem, at: Indices, name: str) -> str:
     return f"{DERIVED}{part.whole_path(path)}"
 
 
-def _keys(states: StateVector) -> list[tuple[object, str, int]]:
+def _keys(states: StateVector) -> list[tuple[str, str, int]]:
     """Return for each state its kind, its component, and its number among several of that kind and
     component.
     """
-    counts = Counter[tuple[object, str]]()
-    keys = list[tuple[object, str, int]]()
-    for kind, part in zip(states.state_kinds, states.state_parts):
-        keys.append((kind, part, counts[kind, part]))
-        counts[kind, part] += 1
+    counts = Counter[tuple[str, str]]()
+    keys = []
+    for state in states.states:
+        of = state.kind.name, state.part
+        keys.append((*of, counts[of]))
+        counts[of] += 1
     return keys
 
 
 def _channels(part: Subsystem, channels: Channels) -> Channels:
     """Return the sensors of a part; its nominal interval is that of the whole rig."""
-
-    def of_part(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
-        return tuple(sensor for sensor in sensors if sensor.name in part.rig.sensor_names)
-
-    return Channels(
-        of_part(channels.positions),
-        of_part(channels.forces),
-        of_part(channels.tensions),
-        tuple(sensor for sensor in channels.angles if sensor.of in part.rig.joint_names),
-        channels.interval,
+    own = {*part.rig.sensor_names, *part.rig.joint_names}
+    positions, forces, tensions, angles = (
+        tuple(sensor for sensor in sensors if {sensor.name, sensor.of} & own)
+        for sensors in (channels.positions, channels.forces, channels.tensions, channels.angles)
     )
-
-
-def _stretches(which: Indices, size: int) -> Indices:
-    """Return the indices of the values of some objects that have `size` values each."""
-    return (size * which[:, None] + np.arange(size)).ravel()
-
-
-def filter_by_parts(
-    states: StateVector, filters: Sequence[tuple[Apart, ca.Function]], layout: Layout, trace: bool
-) -> ca.Function:
-    """Return the function (kernel_state, x, p) → (kernel_state⁺, y) of a rig from the filters of
-    its subsystems.
-
-    With `trace` the predicted mean, its covariance and the transition are appended to y.
-    """
-    context = states.context
-    n = len(states)
-    m = len(context.channels.compared)
-    kernels = []
-    for part, part_filter in filters:
-        # matrices stand column by column
-        square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
-        stretches = {
-            "mean": part.at,
-            "covariance": square,
-            "drives": _stretches(part.drives, MEMORY),
-            "forces": _stretches(part.drives, DRIVE.size),
-            "evidence": _stretches(part.forces, FORCE.size),
-            "torques": _stretches(part.touchable, TORQUE.size),
-        }
-        kernel_state = np.concatenate([layout[name].start + at for name, at in stretches.items()])
-        y = [part.compared, m + part.compared]
-        if trace:
-            y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
-        kernels.append(
-            PlacedKernel(part_filter, kernel_state, part.inputs, part.parameters, np.concatenate(y))
-        )
-    outputs = 2 * m + (n + 2 * n * n if trace else 0)
-    return side_by_side(
-        "adaptive",
-        kernels,
-        (layout.size, context.width, len(context.mechanism.parameters), outputs),
-    )
+    return Channels(positions, forces, tensions, angles, channels.interval)

@@ -6,20 +6,23 @@ Rigs that differ only in these inputs have the same kernel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
 from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector, likely_tension
-from distal.estimators.estimator_protocol import Channels
+from distal.estimators.estimator_protocol import DEAD_INTERVALS, UNKNOWN_POSITION, Channels
 from distal.expressions import MatrixNode, VectorNode, symbols
+from distal.kernels import Layout
 from distal.model import Mechanism
-from distal.model.parameters import Derived
+from distal.model.parameters import Derived, number_at
 from distal.rig import LearnedMaps, Rig, Sensor, drive_travel, gain_of, step_of
-from distal.sensor_models import quantisation_variance
+from distal.sensor_models import quantisation_variance, variance
 
 
 def states_of_rig(
@@ -58,27 +61,24 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     yield "interval", channels.interval
     for sensor in (*channels.proximal, *channels.angles):
         yield from _of_sensor(context, sensor)
+    for kind, keys in PLAIN.items():
+        for i in range(len(rig.components[kind])):
+            yield from _numbers(rig, f"{kind}.{i}", keys)
+    shape = context.contact_shape
     for i, joint in enumerate(rig.joints):
-        path = f"joints.{i}"
-        torque = joint.external_torque
-        yield f"{path}.initial", joint.initial.value
-        yield f"{path}.initial.std", joint.initial.std
-        yield f"{path}.unmodelled", joint.unmodelled
-        yield f"{path}.external_torque.std", torque.std
-        yield f"{path}.external_torque.correlation_time", torque.correlation_time
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
-        for other in context.touchable:
-            yield context.loaded_with(i, other), float(context.contact_shape[i, other])
+        for other in np.flatnonzero(shape[i]):
+            correlation = shape[i, other] / np.sqrt(shape[i, i] * shape[other, other])
+            yield context.loaded_with(i, int(other)), float(correlation)
         by_contact = context.by_contact(i) if i in context.touchable else {}
         for sensor in context.forces:
-            name = f"{context.path(sensor)}.by_torque.{joint.name}"
-            yield name, context.by_torque(i, sensor)
+            path = context.path(sensor)
+            yield f"{path}.by_torque.{joint.name}", context.by_torque(i, sensor)
             if sensor.name in by_contact:
-                name = f"{context.path(sensor)}.by_contact.{joint.name}"
-                yield name, by_contact[sensor.name]
-    for i, drive in enumerate(rig.drives):
+                yield f"{path}.by_contact.{joint.name}", by_contact[sensor.name]
+    for i in range(context.n_drives):
         path = f"drives.{i}"
         low, high = drive_travel(rig, i)
         yield f"{path}.travel.low", low
@@ -86,43 +86,69 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         held, shown = context.jumps[i]
         yield f"{path}.held_stiffness", held
         yield f"{path}.shown_share", shown
-        yield f"{path}.nominal_force", drive.nominal_force.value
-        yield f"{path}.nominal_force.std", drive.nominal_force.std
     for t, tendon in enumerate(rig.tendons):
         yield f"tendons.{t}.likely_tension", likely_tension(rig, t)
-        yield f"tendons.{t}.pretension", tendon.pretension.value
-    for t, tendon in enumerate(rig.tendons):
         if tendon.creep is not None:
-            path = f"tendons.{t}.creep.settled"
-            yield path, tendon.creep.settled.value
-            yield f"{path}.std", tendon.creep.settled.std
+            yield from _numbers(rig, f"tendons.{t}.creep", ("settled", "settled.std"))
     p = context.mechanism.parameters
     for i, name in enumerate(p.names):
         if name.endswith((".backlash.width", ".share")):
             yield f"{name}.std", float(p.stds[i])
 
 
+PLAIN = {
+    "joints": (
+        "initial",
+        "initial.std",
+        "unmodelled",
+        "external_torque.std",
+        "external_torque.correlation_time",
+    ),
+    "drives": ("nominal_force", "nominal_force.std"),
+    "tendons": ("pretension",),
+}
+"""Kind of component → keys of the numbers that are inputs as they stand in the description."""
+
+
+def _numbers(rig: Rig, path: str, keys: Iterable[str]) -> Iterator[tuple[str, float]]:
+    """Yield path and value of numbers of the component at a `path`."""
+    for key in keys:
+        yield f"{path}.{key}", number_at(rig, f"{path}.{key}")
+
+
 def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, float]]:
     path = context.path(sensor)
-    yield f"{path}.noise", sensor.noise
+    yield from _numbers(context.rig, path, ("noise", "bias", "linearity", "rate", "lag"))
     yield f"{path}.rounding", quantisation_variance(step_of(sensor))
-    yield f"{path}.bias", sensor.bias.value
     yield f"{path}.unknown_bias", context.bias_std(sensor)
-    yield f"{path}.linearity", sensor.linearity
-    yield f"{path}.rate", sensor.rate
-    yield f"{path}.lag", sensor.lag
     if has_gain(sensor):
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
         centre, away = context.possible_positions(sensor)
-        for name, value in zip(USUAL, usual_motion(context.rig, sensor)):
-            yield f"{path}.{name}", value
-        yield f"{path}.centre", centre
+        for name, value in zip(JUDGED.names[1:], judged_by(context.rig, sensor)[1:]):
+            yield f"{path}.{name}", float(value)
+        yield f"{path}.middle", centre
         yield f"{path}.farthest", away
 
 
-USUAL = ("usual_square", "usual_centre", "usual_scale", "felt")
-"""Names of what `usual_motion` gives."""
+WANDERING = 1.0
+"""Time in which the std of a drive's position grows by `UNKNOWN_POSITION` where no reading comes
+back [s]. Source: benchmark (benchmarks.ablation).
+"""
+
+
+JUDGED = Layout(noise=1, dead=1, wandering=1, usual=1, centre=1, scale=1, felt=1)
+"""Layout of what a position is judged by where no force judges it: the variance of its noise, the
+time without a value after which it may not come back [s], the growth of its std after that, and its
+`usual_motion`. Source: definition (layout of a vector).
+"""
+
+
+def judged_by(rig: Rig, sensor: Sensor) -> Floats:
+    """Return what a position is judged by where no force judges it, in the order of `JUDGED`."""
+    wandering = UNKNOWN_POSITION[rig.drive(sensor.of).kind] / WANDERING
+    dead = DEAD_INTERVALS / sensor.rate
+    return np.array([variance(sensor), dead, wandering, *usual_motion(rig, sensor)])
 
 
 def usual_motion(rig: Rig, sensor: Sensor) -> tuple[float, ...]:

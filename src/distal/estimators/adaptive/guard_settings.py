@@ -9,7 +9,7 @@ equations for wild readings and lost drives.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite, radians
+from math import inf, radians
 
 import casadi as ca
 
@@ -124,11 +124,6 @@ class Robustness:
     asks_positions: bool = True
     """a fit leaves such positions out before, so that rigs of a kind share its kernel"""
 
-    @property
-    def guards_displacements(self) -> bool:
-        """Whether displacements may be wild at all."""
-        return isfinite(self.wild_displacement)
-
     @classmethod
     def none(cls) -> Robustness:
         """Return no guards: the textbook filter, right where the model is right and the sensors err
@@ -185,20 +180,6 @@ STILL_LOST = 3
 """Power in (12) with which a lost position moves its joint [1], so that one missing sample does no
 harm. Source: benchmark (benchmarks.ablation).
 """
-
-
-def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) -> Scalar:
-    """Return 1 where a displacement is farther from the expected one than the recent motion can
-    explain: (1).
-
-    Args:
-        away: distance from the displacement expected by the mean speed [m, rad].
-        motion: mean square of the recent motion, and what is unknown of the position [m², rad²].
-        noise: variance of the sensor's random error.
-    """
-    if not robustness.guards_displacements:
-        return ca.SX(0)
-    return away**2 > robustness.wild_displacement**2 * (motion + 2 * noise)
 
 
 def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, shown: Scalar) -> Scalar:
@@ -266,8 +247,6 @@ def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar
     """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`, by which a wild `innovation`
     ν counts less, (23).
     """
-    if not isfinite(robustness.wild_force):
-        return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))
 
 

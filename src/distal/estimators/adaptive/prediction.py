@@ -9,6 +9,7 @@ they leave, (26b). Plays: docs/reference/adaptive-equations.md, section 5, "Play
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import combinations
 
 import casadi as ca
 
@@ -31,6 +32,7 @@ from distal.expressions import (
 )
 from distal.kernels.layout import is_read, is_there
 from distal.model import clip_moments
+from distal.model.friction import ClipMoments
 
 SURE = 3.0
 """Number of stds of its sensor that is added to a force to have its largest possible value [1].
@@ -233,7 +235,8 @@ def revert(
     """Let the states that fade do so over an interval, in place: x⁺ = f x, variance σ² (1 − f²)
     added. Equation (13).
 
-    For the external torque on a joint, the variance that is `opened` is added to σ² (13b).
+    For the external torque on a joint, the variance that is `opened` is added to σ², and to the
+    covariance of two such torques what the same contact makes (13b).
     """
     dt = ca.SX.sym("dt")
     fadings = states.fadings()
@@ -246,8 +249,8 @@ def revert(
     state = prediction.state
     covariance = prediction.covariance
     transition = prediction.transition
-    for k, (at, *_) in enumerate(fadings):
-        fade = fades[k]
+    fade_of = {at: fades[k] for k, (at, *_) in enumerate(fadings)}
+    for k, (at, fade) in enumerate(fade_of.items()):
         added = fades[len(fadings) + k]
         joint = states.torque_states.get(at)
         if joint is not None and joint in opened:
@@ -258,32 +261,14 @@ def revert(
             fade * covariance[:, at]
         )  # read once, so that the covariance is changed where it stands
         set_row(covariance, at, row, fade * row[at] + added)
-    _open_together(states, prediction, opened, interval)
-
-
-def _open_together(
-    states: StateVector,
-    prediction: Prediction,
-    opened: Mapping[int, ScalarNode],
-    interval: Interval,
-) -> None:
-    """Add the covariance of two joints' torques that the same contact makes, in place. Equation
-    (13b).
-    """
+    # the covariance of two joints' torques that the same contact makes
     context = states.context
-    covariance = prediction.covariance
     torques = [(at, joint) for at, joint in states.torque_states.items() if joint in opened]
-    for k, (at, joint) in enumerate(torques):
-        for other_at, other in torques[:k]:
-            if context.contact_shape[joint, other] == 0.0:
-                continue
-            pairs = ((joint, other), (joint, joint), (other, other))
-            shape = context.parameters(interval.p, [context.loaded_with(*pair) for pair in pairs])
-            times = [f"joints.{j}.external_torque.correlation_time" for j in (joint, other)]
-            rates = 1 / context.parameters(interval.p, times)
-            fade = ca.exp(-interval.x[0] * (rates[0] + rates[1]))
-            size = ca.sqrt(opened[joint] * opened[other] / (shape[1] * shape[2]))
-            added = covariance[at, other_at] + (1 - fade) * shape[0] * size
+    for (at, joint), (other_at, other) in combinations(torques, 2):
+        if context.contact_shape[joint, other] != 0.0:
+            together = context.parameters(interval.p, [context.loaded_with(joint, other)])
+            size = together * ca.sqrt(opened[joint] * opened[other])
+            added = covariance[at, other_at] + (1 - fade_of[at] * fade_of[other_at]) * size
             covariance[at, other_at] = added
             covariance[other_at, at] = added
 
@@ -352,6 +337,18 @@ def _move(
     prediction.transition[at, :] = ca.mtimes(row.T, prediction.transition)
 
 
+def _clipped(
+    low: Scalar, high: Scalar, state: Vector, at: int, std: Scalar
+) -> tuple[ClipMoments, Vector]:
+    """Return the moments of clip(x_i, low, high) of a state x_i with a std, and the slopes of their
+    mean by all states, (1, n).
+    """
+    moments = clip_moments(low, high, state[at], std)
+    row = moments.by_low * ca.jacobian(low, state) + moments.by_high * ca.jacobian(high, state)
+    row[0, at] += moments.by_mean
+    return moments, row
+
+
 def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     """Return the function (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added
     variance, effort⁺); without a reading z stays.
@@ -374,7 +371,6 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
     at_end = states.coordinates(state, tracks.positions)
     held, dampings = limits(at_end, states.parameters(state))
-    slope = ca.densify(ca.jacobian(held, state))
     came = context.value(x, sensor)
     read = is_read(context.mask(x, sensor))
     share = context.number(f"drives.{drive}.reading_weight")
@@ -386,13 +382,9 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     effort = smoothed - error
     left = share / (2 - share) * context.noise(sensor)
     held += CREST * ca.sqrt(left)
-    moments = clip_moments(
-        effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
-    )
-    row = (moments.by_high - moments.by_low) * slope
-    row[0, at] += moments.by_mean
+    std = ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_EFFORT
+    moments, row = _clipped(effort - held, effort + held, state, at, std)
     ends = moments.by_low + moments.by_high
-    row -= ends * ca.jacobian(error, state)
     outputs = [
         ca.if_else(read, moments.mean, state[at]),
         ca.if_else(read, row, ca.SX(ca.DM.eye(n)[at, :])).T,
@@ -460,11 +452,8 @@ def following_function(states: StateVector, at: int) -> ca.Function:
         reached = [bounds.low, bounds.high]
         by_drives = [ca.jacobian(bound, q)[0, context.n_joints :] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
-        by_low = ca.jacobian(low, state)
-        by_high = ca.jacobian(high, state)
-        moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION)
-        row = moments.by_low * by_low + moments.by_high * by_high
-        row[0, at] += moments.by_mean
+        std = ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION
+        moments, row = _clipped(low, high, state, at, std)
         pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
         noise = sum((pushed[0, i] ** 2 * tracks[i].variance for i in range(nd)), ca.SX(0))
         outputs = [moments.mean, row.T, moments.rest + noise]

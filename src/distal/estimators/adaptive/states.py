@@ -452,7 +452,11 @@ def uncertain_parameters(context: FilterContext) -> list[State]:
         of_tendon = name.startswith("tendons.") and name.endswith((".stiffness", ".damping"))
         if i in sharing:
             if std > 0.0:
-                deviations.append(_deviation(context, i, value, std))
+                bounded = _bounded(context, name)
+                lowest = -(1.0 - SMALLEST_FACTOR) * value if bounded else -np.inf
+                walk = _walk(context, i, std)
+                of = f"{name}.deviation"
+                deviations.append(_state(context, of, 0.0, std, (i,), "deviation", walk, lowest))
         elif (of_tendon and value > 0.0) or number(context.rig, name).is_rough:
             walk = _walk(context, i, std / value, value)
             factors.append(_factor(context, name, (i,), std / value, walk))
@@ -475,48 +479,47 @@ def _walk(context: FilterContext, index: int, std: float, scale: float = 1.0) ->
     return context.robustness.parameter_walk * std if np.isnan(drift) else drift / scale
 
 
+def _state(
+    context: FilterContext,
+    path: str,
+    mean: float,
+    std: float,
+    indices: Sequence[int],
+    acts: Acts,
+    walk: float,
+    lowest: float,
+    unidentified: bool = False,
+) -> State:
+    """Return the state of a parameter at a `path`; of the rest, see `State`."""
+    rig = context.rig
+    name = path.removesuffix(".factor")
+    common = name in context.mechanism.parameters.shared
+    return State(
+        f"common factor of {name}" if common else in_words(rig, path),
+        StateKind.PARAMETER,
+        named(rig, path),
+        mean,
+        std,
+        indices=tuple(indices),
+        acts=acts,
+        walk=walk,
+        lowest=lowest,
+        unidentified=unidentified,
+    )
+
+
 def _factor(
     context: FilterContext, name: str, indices: Sequence[int], relative: float, walk: float
 ) -> State:
     """Return the state of a factor on some parameters, by its std."""
-    p = context.mechanism.parameters
-    first = p.names[indices[0]]
-    path = f"{name}.factor"
-    words = f"common factor of {name}" if name in p.shared else in_words(context.rig, path)
+    first = context.mechanism.parameters.names[indices[0]]
     rough = known_to_a_factor(first, 1.0, relative)
     logarithmic = rough and number(context.rig, first).quantity.bound == "positive"
     mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
     # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that
     # are hardly known")
-    return State(
-        words,
-        StateKind.PARAMETER,
-        named(context.rig, path),
-        mean,
-        spread,
-        indices=tuple(indices),
-        acts="factor",
-        walk=walk,
-        lowest=SMALLEST_FACTOR,
-        unidentified=rough,
-    )
-
-
-def _deviation(context: FilterContext, index: int, value: float, std: float) -> State:
-    """Return the state of a deviation of one parameter from what a factor makes of it."""
-    name = context.mechanism.parameters.names[index]
-    path = f"{name}.deviation"
-    return State(
-        in_words(context.rig, path),
-        StateKind.PARAMETER,
-        named(context.rig, path),
-        0.0,
-        std,
-        indices=(index,),
-        acts="deviation",
-        walk=_walk(context, index, std),
-        lowest=-(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf,
-    )
+    of = f"{name}.factor"
+    return _state(context, of, mean, spread, indices, "factor", walk, SMALLEST_FACTOR, rough)
 
 
 def _value(context: FilterContext, index: int, value: float, std: float) -> State:
@@ -533,18 +536,9 @@ def _value(context: FilterContext, index: int, value: float, std: float) -> Stat
         mean = value if rough and std <= value else cut
         lowest = SMALLEST_VALUE * spread
     # where no drive pulls against another, forces are those of friction and say little of all else
-    alone = context.n_drives <= context.n_joints
-    return State(
-        in_words(context.rig, name),
-        StateKind.PARAMETER,
-        named(context.rig, name),
-        mean,
-        spread,
-        indices=(index,),
-        walk=_walk(context, index, spread),
-        lowest=lowest,
-        unidentified=alone and lowest > 0.0 and rough,
-    )
+    unidentified = context.n_drives <= context.n_joints and lowest > 0.0 and rough
+    walk = _walk(context, index, spread)
+    return _state(context, name, mean, spread, (index,), "value", walk, lowest, unidentified)
 
 
 def _bounded(context: FilterContext, name: str) -> bool:

@@ -202,8 +202,10 @@ def open_torques(
     of_forces = {sensor.name: sensor for sensor in compared_forces(context)}
     explained = {name: ca.MX(0) for name in evidence}
     for at, joint in torques.items():
-        for name, change in context.forces_by_torque(joint).items():
-            if name in evidence:
+        moved = context.rig.joints[joint].name
+        for name in evidence:
+            if context.by_torque(joint, of_forces[name]) != 0.0:
+                change = f"{context.path(of_forces[name])}.by_torque.{moved}"
                 explained[name] += context.parameters(interval.p, [change]) * mean[at]
     at_joints = {joint: at for at, joint in torques.items()}
     for joint, torque in kept.torques.items():
