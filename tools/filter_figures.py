@@ -21,9 +21,9 @@ from distal import Log, Rig, Scenario, estimate, load_scenario, scenario_rig, si
 from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter, Robustness
-from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks, tracking
+from distal.estimators.adaptive.drive_tracking import Drive, tracking
 from distal.estimators.adaptive.filter_function import adaptive_layout
-from distal.estimators.adaptive.update import ROW, SLOW_DECLARED, Rows, motion_of
+from distal.estimators.adaptive.update import ROW, SLOW_DECLARED, motion_of, rows_function
 from distal.model import Kick, Mechanism, kicked, loads_of
 from distal.results import (
     BLACK,
@@ -68,9 +68,9 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
     """Return what the filter makes of a log, sample by sample, with the numbers inside of it."""
     estimator = AdaptiveFilter(rig, robustness=robustness, trace=True)
     states = estimator.states
-    n, n_drives, m = len(states), len(rig.drives), len(estimator.measured)
+    n, m = len(states), len(estimator.measured)
     layout = adaptive_layout(states)
-    track, rows = tracking(states), Rows.of(states)
+    track, (rows, compared) = tracking(states), rows_function(states)
     samples = np.column_stack([log.channels[name] for name in estimator.channels])
     belief = estimator.initial(log.time[0], samples[0])
     kernel_states, ys = estimator.advanced(belief, log.time, samples)
@@ -79,20 +79,13 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
     for k, (time, sample) in enumerate(zip(log.time, samples)):
         before = kernel_states[k - 1] if k else belief.kernel_state
         x = np.concatenate([[time - last], np.nan_to_num(sample), np.isfinite(sample)])
-        mean, memory = (
-            np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives")
-        )
-        vector = Tracks(track(mean, memory, x, estimator.parameters))
-        drives = [
-            Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)
-        ]
+        mean, memory = (np.array(layout.part(ca.DM(before), name)) for name in ("mean", "drives"))
+        tracks = np.array(track(mean, memory, x, estimator.parameters))
+        drives = [Drive(*column) for column in tracks.T]
         predicted = ys[k, 2 * m : 2 * m + n]
-        rates = [
-            (d.position - old) / max(time - last, 1e-9)
-            for d, old in zip(drives, memory[:: len(memory) // n_drives])
-        ]
-        found = rows.function(predicted, vector.vector, rates, x, estimator.parameters)
-        each = [np.array(found[4 * i]).ravel() for i in range(len(rows.rows))]
+        rates = [(d.position - old) / max(time - last, 1e-9) for d, old in zip(drives, memory[0])]
+        found = compared(predicted, tracks, rates, x, estimator.parameters)
+        each = [np.array(found[i]).ravel() for i in range(len(rows))]
         values = [{part: float(row[i]) for i, part in enumerate(ROW.names)} for row in each]
         variances = np.diag(covariances[k])
         taken.append(

@@ -12,12 +12,18 @@ import numpy as np
 
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
-from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, Tracks, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, tracking
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction
 from distal.estimators.adaptive.joint_motion import moved
 from distal.estimators.adaptive.prediction import play, predicted, revert
-from distal.estimators.adaptive.touch import DRIVE
-from distal.estimators.adaptive.update import ROW, SINCE, SLOPED, Rows, comparison_function, weights
+from distal.estimators.adaptive.update import (
+    ROW,
+    SLOPED,
+    Comparison,
+    comparison_function,
+    rows_function,
+    weights,
+)
 from distal.estimators.kinematic import Downdate, along
 from distal.kernels import Kernel
 from distal.rig import Rig
@@ -53,15 +59,14 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     """
     n, nd, context = len(states), states.context.n_drives, states.context
     kernel_state, x = (
-        ca.MX.sym("kernel_state", n + n * n + nd * (MEMORY + DRIVE.size)),
+        ca.MX.sym("kernel_state", n + n * n + nd * (MEMORY + 1)),
         ca.MX.sym("x", context.width),
     )
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance = kernel_state[:n], ca.reshape(kernel_state[n : n + n * n], n, n)
-    memory, forces = (
-        kernel_state[n + n * n : n + n * n + nd * MEMORY],
-        kernel_state[n + n * n + nd * MEMORY :],
-    )
+    begin = n + n * n
+    memory = ca.reshape(kernel_state[begin : begin + nd * MEMORY], MEMORY, nd)
+    kept = ca.vertsplit(kernel_state[begin + nd * MEMORY :])
     tracks = tracking(states)(mean, memory, x, p)
     motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))
     interval = Interval(tracks, memory, x, p)
@@ -70,9 +75,7 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         ca.DM.eye(n).full()
     )  # asked for by `revert` and `play`; only smoothing reads it
     prediction = Prediction(state, spread, transition)
-    remembered = [DRIVE.parts(forces[DRIVE.size * i : DRIVE.size * (i + 1)]) for i in range(nd)]
     revert(states, prediction, {}, interval)
-    kept = [force["friction"] for force in remembered]
     for i in range(nd):
         if states.transmitted(i) is not None:
             kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)
@@ -82,10 +85,7 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
-    identified = [
-        DRIVE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)
-    ]
-    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *identified)
+    following = ca.vertcat(after, ca.vec(spread), ca.vec(tracks[:MEMORY, :]), *kept)
     return ca.Function(
         "iterated", [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
     )
@@ -112,51 +112,44 @@ def iterated_update(
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p = interval.tracks, interval.x, interval.p
-    table, nominal = Rows.of(states), states.context.parameters(p, ["interval"])
+    (table, function), nominal = rows_function(states), states.context.parameters(p, ["interval"])
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
-    for k, row in enumerate(table.rows):
-        compare, weigh = (
-            comparison_function(states, row),
-            weights(states.context.robustness, row.trusted),
-        )
-        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks).of(row.drive)
+    for k, row in enumerate(table):
+        compare = comparison_function(states, row.drive)
         point = ca.MX(prior)
         for _ in range(updates):
-            at = table.at(point, tracks, rates, x, p)[k]
-            slopes, moved = at.slopes, mean - point
-            by_residual, by_limit, by_asymmetry = (
-                covariance.times(slopes[part]) for part in SLOPED
+            outputs = function(point, tracks, rates, x, p)
+            at, moved = ROW.parts(outputs[k]), mean - point
+            slopes = dict(zip(SLOPED, ca.horzsplit(outputs[len(table) + k])))
+            by_value, by_limit, by_asymmetry = (covariance.times(slopes[part]) for part in SLOPED)
+            residual = ca.vertcat(
+                *(at[part] + along(slopes[part], moved) for part in SLOPED),
+                at["variance"],
+                along(slopes["limit"], by_limit),
+                along(slopes["value"], by_value),
+                ca.MX(0) if row.drive is None else kept[row.drive],
+                at["mask"],
             )
-            since = SINCE.joined(
-                **{part: along(slopes[part], moved) for part in SLOPED},
-                residual_variance=along(slopes["residual"], by_residual),
-                limit_variance=along(slopes["limit"], by_limit),
-                memory=ca.MX(0) if row.drive is None else kept[row.drive],
+            found = Comparison(*compare(residual, tracks, x[0], p))
+            across = found.by_limit * by_limit + found.by_asymmetry * by_asymmetry - by_value
+            spread = found.by_limit * along(slopes["limit"], across)
+            spread += found.by_asymmetry * along(slopes["asymmetry"], across)
+            spread += found.variance - along(slopes["value"], across)
+            weight, shown = weights(
+                states.context.robustness, row.trusted, spread, found, at["mask"]
             )
-            found = compare(values=at.values, since=since, track=followed, dt=x[0], p=p)
-            across = (
-                found["by_limit"] * by_limit + found["by_asymmetry"] * by_asymmetry - by_residual
-            )
-            spread = found["by_limit"] * along(slopes["limit"], across)
-            spread += found["by_asymmetry"] * along(slopes["asymmetry"], across)
-            spread += found["variance"] - along(slopes["residual"], across)
-            weight, root, shown = weigh(
-                spread, found["innovation"], ROW.part(at.values, "mask"), found["counts"]
-            )
-            change = (weight * found["innovation"]) * across
+            change = (weight * found.innovation) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted, nominal)
         if shares:
             change[list(shares)] *= ca.vertcat(*shares.values())
         if row.drive is not None:
             declared = states.context.declares_friction(row.drive)
-            kept[row.drive] = found["memory"] + (
-                along(slopes["residual"], change) if declared else 0
-            )
+            kept[row.drive] = found.memory + (along(slopes["value"], change) if declared else 0)
         mean = mean + change
-        covariance.take(root * across, list(shares), ca.vertcat(*shares.values()))
+        covariance.take(ca.sqrt(weight) * across, list(shares), ca.vertcat(*shares.values()))
         innovations.append(shown)
         spreads.append(spread)
-    measured = [k for k, row in enumerate(table.rows) if row.measured]
+    measured = [k for k, row in enumerate(table) if row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), kept, y

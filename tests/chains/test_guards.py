@@ -13,7 +13,7 @@ import pytest
 from distal import load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import Robustness
-from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, Drive, Tracks
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, TRACKED
 from distal.estimators.adaptive.guard_settings import followed_share
 from distal.estimators.adaptive.prediction import followed_variance
 from distal.estimators.adaptive.update import Residual, compared
@@ -39,7 +39,7 @@ def test_a_force_beyond_friction_counts_once_in_a_while() -> None:
     context = AdaptiveFilter(
         rig, compiled=False, robustness=Robustness(beyond_time=0.2)
     ).states.context
-    still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1e-9)))
+    still = ca.SX([0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1e-9])
     residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
     found = compared(context, 0, still, residual, ca.SX(0.005))
     assert at_parameters(context, found.variance) == pytest.approx(40.0 * 1e-6, rel=1e-9)
@@ -63,13 +63,13 @@ def test_angles_walk() -> None:
 def test_a_joint_follows_a_lost_drive_by_its_share_of_the_arms() -> None:
     """Of all motions that follow the drive the smallest: δθ_j = r_j δx/Σ r²."""
     context = AdaptiveFilter(load_rig("finger-n-plus-1"), compiled=False).states.context
-    vector, memory = ca.SX.zeros(Tracks.size(4)), ca.SX.zeros(MEMORY * 4)
+    tracks, memory = ca.SX.zeros(len(TRACKED), 4), ca.SX.zeros(MEMORY, 4)
     lost, grown = 0.1, 4e-8
-    vector[REMEMBERED.index("lost")], vector[REMEMBERED.index("unknown")] = lost, grown
+    tracks[REMEMBERED.index("lost"), 0], tracks[REMEMBERED.index("unknown"), 0] = lost, grown
     arms = np.array([8e-3, 7e-3, 6e-3])
     share = float(followed_share(context.robustness, lost))
     for j in range(3):
-        found = at_parameters(context, followed_variance(context, j, vector, memory))
+        found = at_parameters(context, followed_variance(context, j, tracks, memory))
         assert found == pytest.approx(share * grown * (arms[j] / np.sum(arms**2)) ** 2, rel=1e-9)
 
 

@@ -90,7 +90,7 @@ class Layout:
 
 
 @lru_cache(maxsize=64)
-def kernel_state_layout(states: int, **memory: int) -> Layout:
+def kernel_state_layout(states: int, **memory: int | tuple[int, int]) -> Layout:
     """Return the layout of a filter's kernel state: the mean of its `states`, their covariance, and
     what the filter remembers of its inputs, `memory`.
     """

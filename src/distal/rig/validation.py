@@ -305,7 +305,7 @@ def _places(parent: object, key: str, missing: str, error: type[DistalError]) ->
     """Return the indices or the key for which a `key` of a path stands, or raise `error` with what
     is `missing`.
     """
-    if isinstance(parent, MutableMapping):
+    if isinstance(parent, MutableMapping) and key != ALL:
         return [key]
     items = parent if isinstance(parent, list) else []
     if key == ALL and items:

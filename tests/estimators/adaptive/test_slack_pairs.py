@@ -12,7 +12,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.drive_tracking import REMEMBERED, Tracks
+from distal.estimators.adaptive.drive_tracking import REMEMBERED, TRACKED
 from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.prediction import slack_pair_function, slack_pairs, within_play
 from distal.rig.hand_tables import Row, hand_of
@@ -56,7 +56,7 @@ def asked(
     """Return state, tracks, sample and parameters with the joint and the motor somewhere."""
     state = np.array(estimator.states.means)
     state[0] = angle
-    tracks = np.zeros(Tracks.size(1))
+    tracks = np.zeros(len(TRACKED))
     tracks[0], tracks[REMEMBERED.index("lost")] = POSITION, lost
     force = np.array([name == "one_current" for name in estimator.states.context.channels.names])
     x = np.concatenate([[0.01], torque * force, np.where(force, there, 1.0)])

@@ -5,9 +5,9 @@ Equations (1) to (6). `Drive` says what is remembered of each.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import log
-from typing import Generic
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -55,8 +55,7 @@ rounding.
 """
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(NamedTuple):
     """What is known of a drive after a reading, all scalars.
 
     Args:
@@ -93,7 +92,7 @@ class Drive:
     variance: Scalar
 
 
-TRACKED = tuple(part.name for part in fields(Drive))
+TRACKED = Drive._fields
 """Names of the values that are known of each drive after a reading."""
 
 REMEMBERED = TRACKED[: TRACKED.index("bend")]
@@ -103,73 +102,37 @@ MEMORY = len(REMEMBERED)
 """Number of values that are remembered of each drive."""
 
 
-class Tracks(Generic[Expression]):
-    """All drives' `TRACKED` values as one vector: those that are remembered, drive by drive, then
-    all bends, then all variances.
-    """
-
-    def __init__(self, vector: Expression) -> None:
-        self.vector = vector
-        self._n = vector.numel() // len(TRACKED)
-
-    @staticmethod
-    def size(n_drives: int) -> int:
-        """Return the length of the vector for `n_drives` drives."""
-        return len(TRACKED) * n_drives
-
-    def __getitem__(self, drive: int) -> Drive:
-        """Return what is known of one drive."""
-        of = self.of(drive)
-        return Drive(*(of[k] for k in range(len(TRACKED))))
-
-    def of(self, drive: int) -> Expression:
-        """Return what is known of one drive as a vector, in the order of `TRACKED`."""
-        behind = MEMORY * self._n + drive
-        indices = [*range(MEMORY * drive, MEMORY * (drive + 1)), behind, behind + self._n]
-        return self.vector[indices]
-
-    @property
-    def positions(self) -> list[Expression]:
-        """The position of each drive."""
-        return [self.vector[MEMORY * i] for i in range(self._n)]
-
-    @property
-    def memory(self) -> Expression:
-        """The values that are remembered for the next interval, (MEMORY n_drives,)."""
-        return self.vector[: MEMORY * self._n]
-
-    @property
-    def variances(self) -> Expression:
-        """Variances of the drives' positions, (n_drives,)."""
-        return self.vector[(MEMORY + 1) * self._n :]
+def drive_of(tracks: Expression, drive: int) -> Drive:
+    """Return what is known of one drive, from the `TRACKED` values of all, a column for each."""
+    return Drive(*ca.vertsplit(tracks[:, drive]))
 
 
-def remembered_position(drive: int, name: str) -> int:
-    """Return the index of a drive's value, named as in `REMEMBERED`, in the vector of all that is
-    remembered.
-    """
-    return MEMORY * drive + REMEMBERED.index(name)
+def positions_of(tracks: Expression) -> list[Expression]:
+    """Return the position of each drive, from the `TRACKED` values of all, a column for each."""
+    return list(ca.horzsplit(tracks[TRACKED.index("position"), :]))
+
+
+def remembered(memory: Expression, drive: int, name: str) -> Expression:
+    """Return a drive's value, named as in `REMEMBERED`, from those of all, a column for each."""
+    return memory[REMEMBERED.index(name), drive]
 
 
 def tracking(states: StateVector) -> ca.Function:
-    """Return the function (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that
-    nothing measures has zeros.
+    """Return the function (mean, memory, x, p) → `TRACKED` values of all drives, a column for each.
+    A drive that nothing measures has zeros.
     """
     context = states.context
     n = context.n_drives
     parameters = len(context.mechanism.parameters)
-    inputs = symbols(ca.MX, mean=len(states), memory=MEMORY * n, x=context.width, p=parameters)
+    inputs = symbols(ca.MX, mean=len(states), memory=(MEMORY, n), x=context.width, p=parameters)
     _, memory, x, _ = inputs
-    readings = ca.horzsplit(_readings(states)(*inputs))
+    readings = _readings(states)(*inputs)
     drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
         if context.position_sensor(i) is not None:
             track = track_function(context.robustness, context.force_sensor(i) is not None)
-            remembered = memory[MEMORY * i : MEMORY * (i + 1)]
-            drives[i] = track(remembered, readings[i], x[0], faded(x[0]))
-    bends, variances = ([drive[k] for drive in drives] for k in (MEMORY, MEMORY + 1))
-    vector = ca.vertcat(*(drive[:MEMORY] for drive in drives), *bends, *variances)
-    return ca.Function("track", inputs, [vector])
+            drives[i] = track(memory[:, i], readings[:, i], x[0], faded(x[0]))
+    return ca.Function("track", inputs, [ca.horzcat(*drives)])
 
 
 READING = Layout(
@@ -203,11 +166,10 @@ def _readings(states: StateVector) -> ca.Function:
     context = states.context
     n = context.n_drives
     nj = context.n_joints
-    inputs = symbols(ca.SX, mean=len(states), memory=MEMORY * n, x=context.width)
+    inputs = symbols(ca.SX, mean=len(states), memory=(MEMORY, n), x=context.width)
     mean, memory, x = inputs
     led = [
-        memory[remembered_position(i, "position")] + memory[remembered_position(i, "speed")] * x[0]
-        for i in range(n)
+        remembered(memory, i, "position") + remembered(memory, i, "speed") * x[0] for i in range(n)
     ]
     q = states.coordinates(mean, led)
     v = ca.SX.zeros(context.mechanism.n_bodies)
@@ -222,7 +184,7 @@ def _readings(states: StateVector) -> ca.Function:
         if (
             sensor.lag > 0.0
         ):  # a command, held over the interval, that a servo of first order follows
-            position = memory[remembered_position(i, "position")]
+            position = remembered(memory, i, "position")
             lag = context.number(f"{context.path(sensor)}.lag")
             reading = position + (reading - position) * (1 - ca.exp(-x[0] / lag))
         judged = (context.number(f"{context.path(sensor)}.{name}") for name in JUDGED.names[1:])
@@ -396,7 +358,7 @@ def track_function(robustness: Robustness, judged: bool) -> ca.Function:
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )
-    return dense_function("drive", inputs, [ca.vertcat(*vars(drive).values())])
+    return dense_function("drive", inputs, [ca.vertcat(*drive)])
 
 
 def begun_alone(reading: Expression, is_there: Expression, unknown: float = 0.0) -> Expression:

@@ -279,19 +279,13 @@ class AdaptiveFilter(KernelEstimator):
         context = states.context
         inputs = self._first_sample()
         values, is_present, p = inputs
-        channels = context.channels
-        credible = (
-            is_present[k] * context.credible(sensor, values[k])
-            for k, sensor in enumerate((*channels.proximal, *channels.angles))
-        )
-        mask = ca.vertcat(*credible)
+        x = ca.vertcat(0, values, is_present)
 
         def is_there(sensor: Sensor) -> Scalar:
-            return is_read(mask[self.channels.index(sensor.name)])
+            return is_read(context.mask(x, sensor))
 
         def read(sensor: Sensor, otherwise: Scalar) -> Scalar:
-            value = context.corrected(sensor, values[self.channels.index(sensor.name)])
-            return ca.if_else(is_there(sensor), value, otherwise)
+            return ca.if_else(is_there(sensor), context.value(x, sensor), otherwise)
 
         means, stds = states.prior()
         mean = ca.SX(means)
@@ -308,9 +302,7 @@ class AdaptiveFilter(KernelEstimator):
                 mean[at], std = state.first(begin)
                 variances[at] = std**2
         # maps beside the filter read the positions of drives as it has them, without a known offset
-        placed = (
-            context.corrected(sensor, values[k]) for k, sensor in enumerate(channels.positions)
-        )
+        placed = (context.value(x, sensor) for sensor in context.channels.positions)
         outputs = [mean, variances, memory, ca.vertcat(*placed, values[self.bridged :])]
         plain = ca.Function("plain", inputs, _with_parameters(context, outputs, p))
         return self._with_maps(plain)

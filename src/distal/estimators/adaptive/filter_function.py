@@ -17,7 +17,7 @@ from itertools import product
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, Tracks, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, tracking
 from distal.estimators.adaptive.filter_context import DERIVED
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, states_of_rig
 from distal.estimators.adaptive.joint_motion import Moved, moved
@@ -42,7 +42,7 @@ def adaptive_layout(states: StateVector) -> Layout:
     drive's motion, of forces, and of torques on the joints.
     """
     context = states.context
-    drives = MEMORY * context.n_drives
+    drives = MEMORY, context.n_drives
     return kernel_state_layout(len(states), drives=drives, **touch_layout(context))
 
 
@@ -81,16 +81,15 @@ def adaptive_function(
     revert(states, prediction, kept.opened, interval)  # (13)
     for i in range(context.n_drives):
         if states.transmitted(i) is not None:
-            friction = kept.drives[i]["friction"]
-            kept.drives[i]["friction"] = play(
-                states, i, prediction, motion.rates, friction, interval
+            kept.friction[i] = play(
+                states, i, prediction, motion.rates, kept.friction[i], interval
             )  # (14), (15)
     follow(states, prediction, interval)  # (15b)
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
     mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (17) to (32)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, p)
-    remembered = Tracks(tracks).memory
+    remembered = tracks[:MEMORY, :]
     following = layout.joined(mean=mean, covariance=covariance, drives=remembered, **kept.joined())
     y = ca.vertcat(y, *before) if trace else y
     return ca.Function("adaptive", inputs, [following, y])

@@ -173,14 +173,14 @@ class Interval:
     """An interval that ends with a sample, all symbolic.
 
     Args:
-        tracks: of the drives at its end, see `Tracks`.
-        memory: what was remembered of the drives at its start.
+        tracks: of the drives at its end, a column of `TRACKED` values for each.
+        memory: what was remembered of the drives at its start, a column for each.
         x: the sample (dt, values, mask).
         p: the model's parameters.
     """
 
-    tracks: VectorNode
-    memory: VectorNode
+    tracks: MatrixNode
+    memory: MatrixNode
     x: VectorNode
     p: VectorNode
 

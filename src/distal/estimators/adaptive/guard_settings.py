@@ -243,13 +243,6 @@ def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
 
 
-def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`, by which a wild `innovation`
-    ν counts less, (23).
-    """
-    return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))
-
-
 GOES_ON = 0.25
 """Smallest step from one sample to the next of a drive that goes on after a jump, as a share of the
 jump [1]. Source: judgement.

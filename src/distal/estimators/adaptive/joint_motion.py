@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
+from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, drive_of, remembered
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval
 from distal.estimators.adaptive.states import StateVector
@@ -338,18 +338,16 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     nd = context.n_drives
     mechanism = context.mechanism
     p = mechanism.parameters.symbols
-    inputs = symbols(
-        ca.SX, mean=n, P=(n, n), memory=MEMORY * nd, tracks=Tracks.size(nd), x=context.width
-    )
-    mean, covariance, memory, vector, x = inputs
-    tracks = Tracks(vector)
+    of_drives = {"memory": (MEMORY, nd), "tracks": (len(TRACKED), nd)}
+    inputs = symbols(ca.SX, mean=n, P=(n, n), **of_drives, x=context.width)
+    mean, covariance, memory, tracks, x = inputs
     dt = x[0]
     starts = list[Scalar]()
     rates = list[Scalar]()
     slopes = list[Scalar]()
     for i in range(nd):
-        first = states.position(i, memory[remembered_position(i, "position")], mean)
-        last = states.position(i, tracks[i].position, mean)
+        first = states.position(i, remembered(memory, i, "position"), mean)
+        last = states.position(i, drive_of(tracks, i).position, mean)
         starts.append(first)
         rates.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0))
         slope = ca.jacobian(last, mean)

@@ -13,7 +13,13 @@ from itertools import combinations
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
+from distal.estimators.adaptive.drive_tracking import (
+    MEMORY,
+    TRACKED,
+    drive_of,
+    positions_of,
+    remembered,
+)
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, mechanics_function
 from distal.estimators.adaptive.guard_settings import followed_share
@@ -106,12 +112,11 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     sensor = context.force_sensor(drive)
     assert sensor is not None  # `slack_pairs`
     inputs = symbols(
-        ca.SX, state=len(states), tracks=Tracks.size(context.n_drives), x=context.width
+        ca.SX, state=len(states), tracks=(len(TRACKED), context.n_drives), x=context.width
     )
-    state, vector, x = inputs
+    state, tracks, x = inputs
     p = mechanism.parameters
-    tracks = Tracks(vector)
-    q = states.coordinates(state, tracks.positions)
+    q = states.coordinates(state, positions_of(tracks))
     (bodies,) = symbols(ca.SX, q=mechanism.n_bodies)
     parameters = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])
@@ -126,7 +131,7 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     most = ca.fabs(read - error) + limits[body] + states.added(("friction", drive), state)
     beyond = stretch - (most + SURE * ca.sqrt(context.noise(sensor))) / yields
     residual = (beyond[0] - beyond[1]) / 2
-    known = is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)
+    known = is_there(context.mask(x, sensor)) * (drive_of(tracks, drive).lost <= 0)
     slope = ca.sparsify(ca.jacobian((stretch[0] - stretch[1]) / 2, state)).T
     outputs = [residual, -(beyond[0] + beyond[1]), known, slope]
     return ca.Function("play", [*inputs, p.symbols], ca.cse(outputs))
@@ -178,20 +183,20 @@ def _corner(context: FilterContext) -> ca.Function:
         products=(2 * nj, 2 * nj),
         S_drives=(nd, 2 * nj),
         speed_variances=nj,
-        tracks=Tracks.size(nd),
-        memory=MEMORY * nd,
+        tracks=(len(TRACKED), nd),
+        memory=(MEMORY, nd),
         x=context.width,
     )
-    products, of_positions, speed_variances, vector, memory, x = inputs
-    variances = Tracks(vector).variances
+    products, of_positions, speed_variances, tracks, memory, x = inputs
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
     by_read = of_positions[read, :]
-    corner = products + ca.mtimes([by_read.T, ca.diag(variances[read]), by_read])
+    variances = ca.vertcat(*(drive_of(tracks, k).variance for k in read))
+    corner = products + ca.mtimes([by_read.T, ca.diag(variances), by_read])
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
     free = context.mechanism.free
     spread = context.mechanism.spread
     angles = [
-        followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
+        followed_variance(context, j, tracks, memory) + context.robustness.angle_walk**2 * x[0]
         for j in free
     ]
     speeds = [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free]
@@ -218,11 +223,11 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
         memory: what was remembered of the drives before it.
     """
     total = ca.SX(0)
-    drives = Tracks(tracks)
     for i, names in context.moved_by(joint).items():
-        grown = ca.fmax(drives[i].unknown - memory[remembered_position(i, "unknown")], 0)
+        drive = drive_of(tracks, i)
+        grown = ca.fmax(drive.unknown - remembered(memory, i, "unknown"), 0)
         ratio, share = map(context.number, names)
-        total += followed_share(context.robustness, drives[i].lost) * grown * (ratio * share) ** 2
+        total += followed_share(context.robustness, drive.lost) * grown * (ratio * share) ** 2
     return total
 
 
@@ -361,21 +366,20 @@ def play_function(states: StateVector, drive: int, at: int) -> ca.Function:
     sensor = context.force_sensor(drive)
     assert sensor is not None  # as above
     inputs = symbols(
-        ca.SX, state=n, P_z=1, tracks=Tracks.size(nd), rates=nd, effort=1, x=context.width
+        ca.SX, state=n, P_z=1, tracks=(len(TRACKED), nd), rates=nd, effort=1, x=context.width
     )
-    state, variance_of_z, vector, rates, remembered, x = inputs
-    tracks = Tracks(vector)
+    state, variance_of_z, tracks, rates, held_effort, x = inputs
     (q,) = symbols(ca.SX, q=mechanism.n_bodies)
     still = ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
-    at_end = states.coordinates(state, tracks.positions)
+    at_end = states.coordinates(state, positions_of(tracks))
     held, dampings = limits(at_end, states.parameters(state))
     came = context.value(x, sensor)
     read = is_read(context.mask(x, sensor))
     share = context.number(f"drives.{drive}.reading_weight")
-    following = ca.if_else(remembered == 0, came, remembered + share * (came - remembered))
-    smoothed = ca.if_else(read, following, remembered)
+    following = ca.if_else(held_effort == 0, came, held_effort + share * (came - held_effort))
+    smoothed = ca.if_else(read, following, held_effort)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
     error = states.added(("reading", sensor.name), state, smoothed)
     error += dampings[context.n_joints + drive] * rates[drive]
@@ -436,11 +440,10 @@ def following_function(states: StateVector, at: int) -> ca.Function:
     nd = context.n_drives
     mechanism = context.mechanism
     p = mechanism.parameters.symbols
-    inputs = symbols(ca.SX, state=len(states), P_z=1, tracks=Tracks.size(nd), x=context.width)
-    state, variance, vector, x = inputs
-    tracks = Tracks(vector)
+    inputs = symbols(ca.SX, state=len(states), P_z=1, tracks=(len(TRACKED), nd), x=context.width)
+    state, variance, tracks, x = inputs
     q, dt = symbols(ca.SX, q=mechanism.n_bodies, dt=1)
-    at_end = states.coordinates(state, tracks.positions)
+    at_end = states.coordinates(state, positions_of(tracks))
     arguments = [at_end, states.parameters(state), x[0]]
     name = mechanism.parameters.names[states.states[at].indices[0]]
     if name in mechanism.strains:
@@ -455,6 +458,6 @@ def following_function(states: StateVector, at: int) -> ca.Function:
         std = ca.sqrt(ca.fmax(variance, 0)) + TINY_POSITION
         moments, row = _clipped(low, high, state, at, std)
         pushed = moments.by_low * slopes[0] + moments.by_high * slopes[1]
-        noise = sum((pushed[0, i] ** 2 * tracks[i].variance for i in range(nd)), ca.SX(0))
+        noise = sum((pushed[0, i] ** 2 * drive_of(tracks, i).variance for i in range(nd)), ca.SX(0))
         outputs = [moments.mean, row.T, moments.rest + noise]
     return dense_function("follow", [*inputs, p], outputs)

@@ -9,10 +9,9 @@ itself keeps the variance open, so that a light touch and a wall are both follow
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
 
 import casadi as ca
 
@@ -77,11 +76,6 @@ judgement.
 SMALLEST_TORQUE = 1e-30
 """Square of a torque that counts as zero [(N m)²]. Source: rounding (division by zero)."""
 
-DRIVE = Layout(friction=1)
-"""Layout of what is remembered of a drive's force: of its friction (see `Comparison`). Source:
-definition (layout of a vector).
-"""
-
 FORCE = Layout(mean=1, force=1, usual=1)
 """Layout of what is remembered of a force or tension that is compared: its mean innovation in stds
 [1] and as a force [N, N m], and the mean square of the first [1]. Source: definition (layout of a
@@ -101,9 +95,6 @@ torques explain of it: the square of the part of its mean innovation that is not
 largest that is normal [N², (N m)²], and 1 where the force is read, else 0.
 """
 
-KEPT = {"drives": ("forces", DRIVE), "forces": ("evidence", FORCE), "torques": ("torques", TORQUE)}
-"""Field of `Remembered` → part of the kernel state that holds it, and layout of each entry."""
-
 
 @dataclass(frozen=True)
 class Remembered:
@@ -111,26 +102,25 @@ class Remembered:
     in place.
 
     Args:
-        drives: a `DRIVE` for each drive, by its index.
+        friction: of the friction of each drive, see `Comparison`, or its smoothed effort, (14).
         forces: a `FORCE` for each force or tension that is asked for a touch, by its sensor's name.
         torques: a `TORQUE` for each joint that may be touched, by its index.
     """
 
-    drives: dict[int, dict[str, ScalarNode]]
+    friction: list[ScalarNode]
     forces: dict[str, dict[str, ScalarNode]]
     torques: dict[int, dict[str, ScalarNode]]
 
     @classmethod
     def of(cls, context: FilterContext, layout: Layout, kernel_state: VectorNode) -> Remembered:
         """Return what a kernel state remembers, as symbols by name."""
-        names = _entries(context)
-        kept = {}
-        for field, (part, own) in KEPT.items():
-            vector = layout.part(kernel_state, part)
-            kept[field] = {
-                name: own.parts(vector[own.size * i :]) for i, name in enumerate(names[field])
-            }
-        return cls(**kept)
+        friction, forces, torques = (
+            ca.vertsplit(layout.part(kernel_state, part), size)
+            for part, size in (("forces", 1), ("evidence", FORCE.size), ("torques", TORQUE.size))
+        )
+        names = [sensor.name for sensor in compared_forces(context)]
+        of_forces = dict(zip(names, map(FORCE.parts, forces)))
+        return cls(friction, of_forces, dict(zip(context.touchable, map(TORQUE.parts, torques))))
 
     @property
     def opened(self) -> dict[int, ScalarNode]:
@@ -144,16 +134,10 @@ class Remembered:
 
     def joined(self) -> dict[str, VectorNode]:
         """Return the parts of a kernel state that hold what is remembered."""
-        return {
-            part: ca.vertcat(ca.MX(0, 1), *(layout.joined(**entry) for entry in entries.values()))
-            for (part, layout), entries in zip(KEPT.values(), vars(self).values())
-        }
-
-
-def _entries(context: FilterContext) -> dict[str, Sequence[Any]]:
-    """Return field of `Remembered` → the keys of its entries."""
-    names = [sensor.name for sensor in compared_forces(context)]
-    return {"drives": range(context.n_drives), "forces": names, "torques": context.touchable}
+        forces = (FORCE.joined(**force) for force in self.forces.values())
+        torques = (TORQUE.joined(**torque) for torque in self.torques.values())
+        parts = {"forces": self.friction, "evidence": forces, "torques": torques}
+        return {name: ca.vertcat(ca.MX(0, 1), *part) for name, part in parts.items()}
 
 
 def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
@@ -269,5 +253,8 @@ def opening_function(count: int) -> ca.Function:
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
     """Return the lengths of the parts of the kernel state that remember forces and torques."""
-    entries = _entries(context)
-    return {part: layout.size * len(entries[field]) for field, (part, layout) in KEPT.items()}
+    return {
+        "forces": context.n_drives,
+        "evidence": FORCE.size * len(compared_forces(context)),
+        "torques": TORQUE.size * len(context.touchable),
+    }

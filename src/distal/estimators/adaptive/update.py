@@ -10,16 +10,21 @@ sign that it had, and a sample counts little.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
+from distal.estimators.adaptive.drive_tracking import (
+    TRACKED,
+    Drive,
+    drive_of,
+    positions_of,
+)
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.filter_inputs import Interval, Prediction, mechanics_function
-from distal.estimators.adaptive.guard_settings import Robustness, robust_variance
+from distal.estimators.adaptive.guard_settings import Robustness
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.touch import (
     FORCE,
@@ -28,7 +33,16 @@ from distal.estimators.adaptive.touch import (
     open_torques,
 )
 from distal.estimators.kinematic import Downdate, along
-from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode, symbols
+from distal.expressions import (
+    Matrix,
+    MatrixNode,
+    Scalar,
+    ScalarNode,
+    Vector,
+    VectorNode,
+    dense_function,
+    symbols,
+)
 from distal.kernels.layout import Layout, is_read, is_there, share_used
 from distal.model import Moment
 from distal.rig import Sensor
@@ -73,8 +87,7 @@ if it were uniform. Source: benchmark (benchmarks/guards).
 """
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """The comparison of a force with its prediction, friction included.
 
     With slopes r_x of the residual, l_x of the limit and a_x of its asymmetry, the slope of what is
@@ -99,8 +112,7 @@ class Comparison:
     counts: Scalar = 1
 
 
-@dataclass(frozen=True)
-class Residual:
+class Residual(NamedTuple):
     """A force before friction is taken into account, all scalars.
 
     Args:
@@ -125,19 +137,16 @@ class Residual:
     mask: Scalar
 
 
-@dataclass(frozen=True)
-class DriveMotion:
+class DriveMotion(NamedTuple):
     """The motion of a drive, as far as friction depends on it.
 
     Args:
         stuck: 0 where the drive clearly moves to 1 where it does not, (18).
         direction: −1 to 1, (19).
-        clear: 1 where the drive clearly moves in one direction.
     """
 
     stuck: Scalar
     direction: Scalar
-    clear: Scalar
 
 
 def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMotion:
@@ -153,23 +162,20 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMoti
     still = slow**2 * noise
     alone = 2 * noise / ca.fmax(dt, 1e-6) ** 2
     moving = ca.fmax(ca.fmax(drive.square - alone, 0), drive.speed**2)
-    stuck = still / (moving + still)
     direction = (
         drive.speed / ca.sqrt(moving + still) / (1 + drive.bend**2 / (SHARP_BEND**2 * noise))
     )
-    return DriveMotion(
-        stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION)
-    )
+    return DriveMotion(still / (moving + still), direction)
 
 
 def compared(
-    context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Scalar
+    context: FilterContext, index: int | None, tracks: Vector, residual: Residual, dt: Scalar
 ) -> Comparison:
-    """Return the comparison of the force of the drive with that `index`, after an interval `dt`
-    [s].
+    """Return the comparison of the force of the drive with that `index`, or of a reading without
+    friction where that is None, after an interval `dt` [s].
     """
-    sensor = context.position_sensor(index)
-    if sensor is None:
+    sensor = None if index is None else context.position_sensor(index)
+    if index is None or sensor is None:
         # its motion is not measured: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
     noise = context.noise(sensor)
@@ -180,7 +186,8 @@ def compared(
     slow, compare = SLOW_UNKNOWN, _unknown
     if context.declares_friction(index):
         slow, compare = SLOW_DECLARED, _declared
-    return compare(context, motion_of(drive, noise, dt, slow), residual, interval, dt)
+    motion = motion_of(drive_of(tracks, index), noise, dt, slow)
+    return compare(context, motion, residual, interval, dt)
 
 
 def _slipping(residual: Residual, direction: Scalar, doubt: Scalar) -> tuple[Scalar, Scalar]:
@@ -220,8 +227,7 @@ def _declared(
     drive sticks, (21).
     """
     robustness = context.robustness
-    stuck = motion.stuck
-    direction = motion.direction
+    stuck, direction = motion
     turning = (
         (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * (robustness.turning_time / interval)
     )
@@ -229,9 +235,8 @@ def _declared(
     counts = ca.SX(1)
     if robustness.moving_only:
         # a fit goes by the drives that clearly move: there friction is what it is
-        doubt = ca.if_else(motion.clear, 0, doubt)
-        counts = motion.clear
-    innovation, variance = _slipping(residual, direction, doubt)
+        counts = ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION)
+        doubt = ca.if_else(counts, 0, doubt)
     fade = ca.exp(-dt / MEAN_TIME)
     mean = ca.if_else(
         is_read(residual.mask),
@@ -240,21 +245,18 @@ def _declared(
     )
     sign = ca.sign(mean)
     allowed = residual.limit + sign * residual.asymmetry
-    beyond = ca.fabs(mean) > allowed
     # inside the limits nothing moves the mean, but the tension is no less certain than the limits
     # themselves
     bound = (STICK_STD * residual.limit) ** 2 + residual.variance + residual.limit_variance
-    within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(residual.value_variance, 1e-12), 1e-9)
-    sticks = stuck > 0.5
+    inside = 1 / ca.fmax(1 / bound - 1 / ca.fmax(residual.value_variance, 1e-12), 1e-9)
     standing = ca.fmax(1, robustness.beyond_time / interval)
-    return Comparison(
-        ca.if_else(sticks, ca.if_else(beyond, mean - sign * allowed, 0), innovation),
-        ca.if_else(sticks, ca.if_else(beyond, standing * residual.variance, within), variance),
-        mean,
-        ca.if_else(sticks, ca.if_else(beyond, sign, 0), direction),
-        ca.if_else(sticks, ca.if_else(beyond, 1, 0), ca.fabs(direction)),
-        counts,
-    )
+    beyond = ca.vertcat(mean - sign * allowed, standing * residual.variance, sign, 1)
+    within = ca.vertcat(0, inside, 0, 0)
+    slips = ca.vertcat(*_slipping(residual, direction, doubt), direction, ca.fabs(direction))
+    sticks = ca.if_else(ca.fabs(mean) > allowed, beyond, within)
+    shown = ca.vertsplit(ca.if_else(stuck > 0.5, sticks, slips))
+    innovation, variance, by_limit, by_asymmetry = shown
+    return Comparison(innovation, variance, mean, by_limit, by_asymmetry, counts)
 
 
 TIE = 0.3
@@ -267,12 +269,12 @@ NOMINAL_TIME = 1.0
 judgement.
 """
 
-ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1)
+ROW = Layout(value=1, limit=1, asymmetry=1, variance=1, mask=1)
 """Layout of the values of a row, as in `MeasurementRow`. Source: definition (layout of a
 vector).
 """
 
-SLOPED = ("residual", "limit", "asymmetry")
+SLOPED = ("value", "limit", "asymmetry")
 """Names of the values of a row that change with the state."""
 
 
@@ -282,7 +284,7 @@ class MeasurementRow:
 
     Args:
         name: of its sensor, or of the drive where the pull is only nominal.
-        residual: measured minus expected, without friction.
+        value: measured minus expected, without friction.
         variance: of the sensor and of the drive's position.
         mask: 0 where the row does not count, else see `distal.kernels.layout`.
         limit: friction limit of the drive, the mean of both directions.
@@ -294,7 +296,7 @@ class MeasurementRow:
     """
 
     name: str
-    residual: Scalar
+    value: Scalar
     variance: Scalar
     mask: Scalar
     limit: Scalar = 0
@@ -305,85 +307,71 @@ class MeasurementRow:
 
 
 def measurement_rows_of(
-    states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector
+    states: StateVector, state: Vector, tracks: Matrix, rates: Vector, x: Vector
 ) -> list[MeasurementRow]:
     """Return the rows to compare: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured
     tensions, a reference's angle, other sensors.
 
     Args:
         state: symbolic, (n,).
-        tracks: of the drives.
+        tracks: of the drives, a column for each.
         rates: mean speed of each drive over the interval, (n_drives,).
         x: the sample.
     """
     context = states.context
     mechanism = context.mechanism
     nj = context.n_joints
-    q = states.coordinates(state, tracks.positions)
+    q = states.coordinates(state, positions_of(tracks))
     v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
 
-    rows = []
-
-    def compare(
-        sensor: Sensor,
-        expected: Scalar,
-        spread: Scalar = 0,
-        free: Scalar = 1,
-        friction: tuple[Scalar, Scalar, int | None] = (0, 0, None),
-        trusted: bool = False,
-    ) -> None:
+    def read(sensor: Sensor) -> Scalar:
         value = context.value(x, sensor)
-        residual = value - states.added(("reading", sensor.name), state, value) - expected
-        variance = context.noise(sensor) + spread
-        mask = context.mask(x, sensor) * free
-        rows.append(
-            MeasurementRow(sensor.name, residual, variance, mask, *friction, trusted=trusted)
-        )
+        return value - states.added(("reading", sensor.name), state, value)
 
+    rows = []
     for i, drive in enumerate(mechanism.rig.drives):
         sensor = context.force_sensor(i)
         body = nj + i
-        track = tracks[i]
-        spread = track.variance * pull_slopes[body, body] ** 2
-        free = away_from_stops(context, i, track.position)
+        track = drive_of(tracks, i)
+        transmitted = states.transmitted(i)
+        name, value, noise, mask = drive.name, ca.SX(0), ca.SX(0), ca.SX(0)
         expected = pulls[body] - states.added(("lacking force", i), state)
-        friction = (limits[body] + states.added(("friction", i), state), asymmetries[body], i)
+        limit = limits[body] + states.added(("friction", i), state)
+        friction: tuple[Scalar, Scalar, int | None] = (limit, asymmetries[body], i)
         if sensor is None:
             path = f"drives.{i}.nominal_force"
             nominal_std = context.number(f"{path}.std")
-            is_known = nominal_std > 0.0
-            lasting = nominal_std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
-            residual = context.number(path) - expected
-            rows.append(
-                MeasurementRow(
-                    drive.name,
-                    residual,
-                    spread + lasting,
-                    is_known * free,
-                    *friction,
-                    measured=False,
-                )
-            )
-            continue
-        transmitted = states.transmitted(i)
-        if transmitted is None:
-            compare(sensor, expected, spread, free, friction)
-            continue
-        residual = state[transmitted] - (expected - dampings[body] * rates[i])
-        variance = TIE**2 * context.noise(sensor) + spread
-        mask = context.mask(x, sensor) * free
-        rows.append(MeasurementRow(sensor.name, residual, variance, mask))
+            value = context.number(path)
+            noise = nominal_std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
+            mask = nominal_std > 0.0
+        else:
+            name = sensor.name
+            value = read(sensor)
+            noise = context.noise(sensor)
+            mask = context.mask(x, sensor)
+        if transmitted is not None:
+            value = state[transmitted]
+            noise = TIE**2 * noise
+            expected = expected - dampings[body] * rates[i]
+            friction = (0, 0, None)
+        variance = noise + track.variance * pull_slopes[body, body] ** 2
+        mask = mask * away_from_stops(context, i, track.position)
+        measured = sensor is not None
+        rows.append(MeasurementRow(name, value - expected, variance, mask, *friction, measured))
     tendons = mechanism.rig.tendon_names
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]
-        spread = tension_slopes[t, body] ** 2 * tracks[body - nj].variance
-        compare(sensor, tensions[t], spread)
+        spread = tension_slopes[t, body] ** 2 * drive_of(tracks, body - nj).variance
+        value = read(sensor) - tensions[t]
+        variance = context.noise(sensor) + spread
+        rows.append(MeasurementRow(sensor.name, value, variance, context.mask(x, sensor)))
     moment = Moment(mechanism, q, v, tensions, pulls)
     for sensor in context.channels.angles:
-        compare(sensor, moment.read(sensor), trusted=True)
+        row = sensor.name, read(sensor) - moment.read(sensor), context.noise(sensor)
+        rows.append(MeasurementRow(*row, context.mask(x, sensor), trusted=True))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
@@ -406,61 +394,20 @@ def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Sca
     return ca.if_else(ca.logic_and(position > low + wrong, position < high - wrong), 1, 0)
 
 
-@dataclass(frozen=True)
-class RowAt:
-    """A row at a state.
-
-    Args:
-        values: its values, in the layout `ROW`.
-        slopes: those of its `SLOPED` values by the state, (n, 1) each, by name.
+def rows_function(states: StateVector) -> tuple[list[MeasurementRow], ca.Function]:
+    """Return the rows to compare, and the function (state, tracks, rates, x, p) → the values
+    (`ROW`) of each row, then the slopes of its `SLOPED` values by the state, (n, 3), of each.
     """
-
-    row: MeasurementRow
-    values: VectorNode
-    slopes: dict[str, VectorNode]
-
-
-@dataclass(frozen=True)
-class Rows:
-    """All rows to compare, as one function of the state.
-
-    Args:
-        function: (state, tracks, rates, x, p) → values (`ROW`) and slopes of each row.
-    """
-
-    rows: Sequence[MeasurementRow]
-    function: ca.Function
-
-    @classmethod
-    def of(cls, states: StateVector) -> Rows:
-        """Return the rows of a state vector."""
-        context = states.context
-        n = context.n_drives
-        sizes = {"state": len(states), "tracks": Tracks.size(n), "rates": n, "x": context.width}
-        inputs = symbols(ca.SX, **sizes)
-        state, vector, rates, x = inputs
-        rows = measurement_rows_of(states, state, Tracks(vector), rates, x)
-        outputs = dict[str, ca.SX]()
-        for k, row in enumerate(rows):
-            parts = {part: ca.SX(vars(row)[part]) for part in ROW.names}
-            outputs[f"values_{k}"] = ROW.joined(**parts)
-            for part in SLOPED:
-                outputs[f"{part}_{k}"] = ca.sparsify(ca.jacobian(parts[part], state)).T
-        arguments = [*inputs, context.mechanism.parameters.symbols]
-        values = ca.cse(list(outputs.values()))
-        return cls(rows, ca.Function("rows", arguments, values, [*sizes, "p"], list(outputs)))
-
-    def at(
-        self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode
-    ) -> list[RowAt]:
-        """Return each row with its values and slopes at a `state`; `tracks` are as in `Interval`,
-        `rates` as in `Moved`.
-        """
-        outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
-        return [
-            RowAt(row, outputs[f"values_{k}"], {part: outputs[f"{part}_{k}"] for part in SLOPED})
-            for k, row in enumerate(self.rows)
-        ]
+    context = states.context
+    n = context.n_drives
+    tracked = len(TRACKED), n
+    inputs = symbols(ca.SX, state=len(states), tracks=tracked, rates=n, x=context.width)
+    state = inputs[0]
+    rows = measurement_rows_of(states, *inputs)
+    values = [ca.densify(ca.vertcat(*(vars(row)[part] for part in ROW.names))) for row in rows]
+    slopes = [ca.sparsify(ca.jacobian(value[: len(SLOPED)], state)).T for value in values]
+    arguments = [*inputs, context.mechanism.parameters.symbols]
+    return rows, ca.Function("rows", arguments, ca.cse([*values, *slopes]))
 
 
 def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
@@ -479,12 +426,6 @@ def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dic
     return depths
 
 
-SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
-"""Layout of the changes of a row since the prior by the rows before it, the variances of its
-residual and limit from the state's covariance (r_x P r_xᵀ, l_x P l_xᵀ), and what is remembered of
-its drive. Source: definition (layout of a vector).
-"""
-
 SMALLEST_VARIANCE = 1e-30
 """Smallest variance of a row's innovation [SI²], so that 0/0 is 0, also in float, for a row that
 tells nothing (a drive without a force sensor, its tendons slack). Source: rounding (division by
@@ -502,7 +443,7 @@ def updated(
     """Return mean, covariance, and (innovations, variances) after a sample; `kept` changes in
     place.
 
-    For each row with slope A of the expected value: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺
+    For each row with slope A of the expected value: ν, S = A P Aᵀ + R', S' of `weights`, m⁺
     = m + P Aᵀ ν/S', P⁺ = P − P Aᵀ A P/S'. States that take only a share of the gain change by
     equations (24) and (25).
 
@@ -517,7 +458,8 @@ def updated(
     tracks = interval.tracks
     p = interval.p
     dt = interval.x[0]
-    rows = Rows.of(states).at(prior, tracks, rates, interval.x, p)
+    rows, function = rows_function(states)
+    found = function(prior, tracks, rates, interval.x, p)
     mean = prior
     innovations = list[ScalarNode]()
     spreads = list[ScalarNode]()
@@ -526,22 +468,16 @@ def updated(
     watch = evidence_function()
     touched = kept.touched
     fixed = np.flatnonzero(states.lasting).tolist()
-    for at in rows:
-        row = at.row
-        slopes = at.slopes
-        moved = mean - prior
+    for row, values, jacobian in zip(rows, found, found[len(rows) :]):
+        at = ROW.parts(values)
+        slopes = dict(zip(SLOPED, ca.horzsplit(jacobian)))
         by = {part: covariance.times(slope) for part, slope in slopes.items()}
-        since = SINCE.joined(
-            **{part: along(slope, moved) for part, slope in slopes.items()},
-            residual_variance=along(slopes["residual"], by["residual"]),
-            limit_variance=along(slopes["limit"], by["limit"]),
-            memory=ca.MX(0) if row.drive is None else kept.drives[row.drive]["friction"],
-        )
-        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks).of(row.drive)
-        compare = comparison_function(states, row)
-        comparison = Comparison(
-            **compare(values=at.values, since=since, track=followed, dt=dt, p=p)
-        )
+        now = (at[part] + along(slope, mean - prior) for part, slope in slopes.items())
+        of_limit, of_value = (along(slopes[part], by[part]) for part in ("limit", "value"))
+        memory = ca.MX(0) if row.drive is None else kept.friction[row.drive]
+        residual = ca.vertcat(*now, at["variance"], of_limit, of_value, memory, at["mask"])
+        compare = comparison_function(states, row.drive)
+        comparison = Comparison(*compare(residual, tracks, dt, p))
         factors = (-1, comparison.by_limit, comparison.by_asymmetry)
         across = ca.MX(len(states), 1)
         for part, factor in zip(SLOPED, factors):
@@ -549,9 +485,8 @@ def updated(
                 across += factor * by[part]
         spread = sum(along(slopes[part], across) * by for part, by in zip(SLOPED, factors))
         variance = comparison.variance
-        weight, root, shown = weights(states.context.robustness, row.trusted)(
-            spread + variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
-        )
+        guards = states.context.robustness
+        weight, shown = weights(guards, row.trusted, spread + variance, comparison, at["mask"])
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted, nominal)
         if kept.torques and not row.trusted:
@@ -563,19 +498,19 @@ def updated(
         if row.drive is not None:
             # a mean residual (friction declared) changes with the state; a remembered time does not
             declared = states.context.declares_friction(row.drive)
-            kept.drives[row.drive]["friction"] = comparison.memory + (
-                along(slopes["residual"], change) if declared else 0
+            kept.friction[row.drive] = comparison.memory + (
+                along(slopes["value"], change) if declared else 0
             )
         if row.measured and row.name in kept.forces:
             # a force whose drive's position is lost tells nothing of torques
-            position_is_read = 1 if row.drive is None else Tracks(tracks)[row.drive].lost == 0
-            used = share_used(ROW.part(at.values, "mask")) * position_is_read
+            position_is_read = 1 if row.drive is None else drive_of(tracks, row.drive).lost == 0
+            used = share_used(at["mask"]) * position_is_read
             force = FORCE.joined(**kept.forces[row.name])
             outputs = watch(force, comparison.innovation, spread + variance, used, dt)
             evidence[row.name] = dict(zip(watch.name_out(), outputs))
             kept.forces[row.name] = dict(zip(FORCE.names, outputs))
         mean = mean + change
-        covariance.take(root * across, list(shares), taken)
+        covariance.take(ca.sqrt(weight) * across, list(shares), taken)
         if row.measured:
             innovations.append(shown)
             spreads.append(spread + variance)
@@ -586,50 +521,37 @@ def updated(
     return mean, covariance.matrix(), ca.vertcat(*innovations, *spreads)
 
 
-def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function:
-    """Return the function (values, since, track, dt, p) → the parts of `Comparison` of one row.
-
-    Args:
-        row: whose `values` at the prior are in the layout `ROW`; `since` is in the layout `SINCE`,
-            and `track` is of its drive, zeros where it has none.
+def comparison_function(states: StateVector, drive: int | None) -> ca.Function:
+    """Return the function (`Residual`, tracks, dt, p) → the parts of `Comparison` of a row with the
+    friction of a `drive`, or without friction.
     """
     context = states.context
-    sizes = {"values": ROW.size, "since": SINCE.size, "track": len(TRACKED), "dt": 1}
-    inputs = symbols(ca.SX, **sizes)
-    values, since, track, dt = inputs
-    prior = ROW.parts(values)
-    change = SINCE.parts(since)
-    residual, limit, asymmetry = (prior[part] + change[part] for part in SLOPED)
-    if row.drive is None:
-        comparison = Comparison(residual, prior["variance"], change["memory"])
-    else:
-        frictionless = Residual(
-            value=residual,
-            limit=ca.fmax(limit, 0),
-            asymmetry=asymmetry,
-            variance=prior["variance"],
-            limit_variance=change["limit_variance"],
-            value_variance=change["residual_variance"],
-            memory=change["memory"],
-            mask=prior["mask"],
-        )
-        comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), frictionless, dt)
-    parts = {name: ca.densify(ca.SX(part)) for name, part in vars(comparison).items()}
-    arguments = [*inputs, context.mechanism.parameters.symbols]
-    outputs = ca.cse(list(parts.values()))
-    return ca.Function("compare", arguments, outputs, [*sizes, "p"], list(parts))
+    tracked = len(TRACKED), context.n_drives
+    inputs = symbols(ca.SX, residual=len(Residual._fields), tracks=tracked, dt=1)
+    vector, tracks, dt = inputs
+    residual = Residual(*ca.vertsplit(vector))
+    residual = residual._replace(limit=ca.fmax(residual.limit, 0))
+    comparison = compared(context, drive, tracks, residual, dt)
+    parts = [ca.SX(part) for part in comparison]
+    return dense_function("compare", [*inputs, context.mechanism.parameters.symbols], parts)
 
 
-def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return the function (S, ν, mask, counts) → (1/S' where the row is used, the root of that, the
-    innovation to report), see `robust_variance`.
+def weights(
+    robustness: Robustness,
+    trusted: bool,
+    spread: ScalarNode,
+    comparison: Comparison,
+    mask: ScalarNode,
+) -> tuple[ScalarNode, ScalarNode]:
+    """Return 1/S' where a row is used, and the innovation to report, NaN for a row that does not
+    count (its drive is at a stop).
 
-    A row that does not count (its drive is at a stop) reports NaN as its innovation.
+    S' = max(S, ν²/c), with c = `Robustness.wild_force`, by which a wild innovation ν counts less
+    (23); `spread` is S.
     """
-    inputs = symbols(ca.SX, S=1, nu=1, mask=1, counts=1)
-    spread, innovation, mask, counts = inputs
-    positive = ca.fmax(spread, SMALLEST_VARIANCE)
-    robust = positive if trusted else robust_variance(robustness, positive, innovation)
-    weight = share_used(mask) / robust
-    shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
-    return ca.Function("weights", inputs, [weight, ca.sqrt(weight), shown])
+    innovation = comparison.innovation
+    robust = ca.fmax(spread, SMALLEST_VARIANCE)
+    if not trusted:
+        robust = ca.fmax(robust, innovation**2 / robustness.wild_force)
+    shown = ca.if_else(ca.logic_and(is_there(mask), comparison.counts), innovation, np.nan)
+    return share_used(mask) / robust, shown
