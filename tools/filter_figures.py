@@ -335,7 +335,7 @@ def friction() -> Figure:
         np.array([float(getattr(m, name)) for m in motions]) for name in ("direction", "stuck")
     )
     residual, limit = (
-        np.array([step.values[0][name] for step in taken]) for name in ("residual", "limit")
+        np.array([step.values[0][name] for step in taken]) for name in ("value", "limit")
     )
     with figure(1, 2, (6.5, 3.4), width_ratios=(1.35, 1)) as (made, axes):
         axes[0].plot(t, d, color=BLUE, lw=1.2, label="direction d")

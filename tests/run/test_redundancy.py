@@ -333,7 +333,7 @@ def test_it_is_kept_by_the_file_and_by_copies(rig: Rig, tmp_path: Path) -> None:
 def test_a_sensor_that_the_rig_lacks_is_refused(rig: Rig) -> None:
     [learned] = rig.map.efforts  # type: ignore[union-attr]
     other = learned.model_copy(update={"joints": ("nobody", *learned.joints[1:])})
-    with pytest.raises((RigError, ValueError), match="no sensor is called .nobody."):
+    with pytest.raises((RigError, ValueError), match="no sensor is called"):
         Rig.model_validate({**rig.model_dump(), "map": {"efforts": [other]}})
 
 
