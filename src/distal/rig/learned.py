@@ -176,6 +176,11 @@ class LearnedMap(Description):
             if array is None or array.shape != shape:
                 came = "none" if array is None else f"one of {array.shape}"
                 raise ValueError(f"arrays: {name} must be an array of {shape}; {came} came")
+            if not np.isfinite(array).all():
+                raise ValueError(f"arrays: {name} has a value that is not finite")
+        for name in ("scale", "lengths"):
+            if not np.all(self.arrays[name] > 0.0):
+                raise ValueError(f"arrays: every {name} must be positive")
         for name in ("low", "high"):
             if len(getattr(self, name)) != self.count:
                 raise ValueError(f"{name} must have {self.count} entries")
