@@ -80,6 +80,8 @@ def test_a_pickle_is_never_opened(path: Path) -> None:
     ("name", "value", "words"),
     [
         ("mean", np.zeros((1, 3)), r"mean must be an array of \(1, 30\); one of \(1, 3\) came"),
+        ("scale", np.zeros(3), "every scale must be positive"),
+        ("noise", np.array([np.nan]), "noise has a value that is not finite"),
     ],
 )
 def test_numbers_that_do_not_fit_are_refused(name: str, value: np.ndarray, words: str) -> None:
