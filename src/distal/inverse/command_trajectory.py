@@ -175,7 +175,9 @@ def expected_readings(
 
 
 def said(time: Floats, at: Bools, words: str) -> list[str]:
-    """Return in words what is so, and when for the first time; nothing where it never is."""
+    """Return in words what is so `at` some samples, (k,), and when for the first time; nothing where
+    it never is.
+    """
     return [f"{words}, first at {time[at][0]:.4g} s"] if at.any() else []
 
 

@@ -481,7 +481,9 @@ class CommandModel:
         return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
 
     def possible(self, forces: Vector, p: Vector) -> Vector:
-        """Return forces that the drives can have, (n_drives,): a slider cannot push."""
+        """Return forces that the drives can have with the parameters p, (n_drives,): a slider cannot
+        push.
+        """
         high = self.of_drives(p, "limit")
         # no product with a limit that may be infinite
         pushes = ca.DM([drive.kind != "slider" for drive in self.rig.drives])

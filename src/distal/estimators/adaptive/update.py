@@ -172,7 +172,8 @@ def compared(
     context: FilterContext, index: int | None, tracks: Vector, residual: Residual, dt: Scalar
 ) -> Comparison:
     """Return the comparison of the force of the drive with that `index`, or of a reading without
-    friction where that is None, after an interval `dt` [s].
+    friction where that is None, after an interval `dt` [s]; `tracks` are the `TRACKED` values of
+    all drives, a column for each.
     """
     sensor = None if index is None else context.position_sensor(index)
     if index is None or sensor is None:
