@@ -87,8 +87,8 @@ def drawn_curve(
     """
     weights = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1)
     phases = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
-    numbers = {"low": 0.0, "high": 1.0, "weights": weights, "phases": phases}
-    peak = np.abs(np.array(linearity_curve(ca.DM(np.linspace(0.0, 1.0, 501)), numbers))).max()
+    curve = {"low": 0.0, "high": 1.0, "weights": weights, "phases": phases}
+    peak = np.abs(np.array(linearity_curve(ca.DM(np.linspace(0.0, 1.0, 501)), curve))).max()
     return (largest / peak if ends[1] > ends[0] else 0.0) * weights, phases
 
 

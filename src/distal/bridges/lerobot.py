@@ -132,10 +132,10 @@ def _columns(
         new = np.full((1, 2 * len(rig.joints) + 1), np.nan)
         try:
             log = read_log(episode, rig)
-            found = estimate(log, rig)
+            estimated = estimate(log, rig)
             words = [word_code(word) for word in log_health(log, rig)]  # type: ignore[arg-type]
             time = log.time
-            new = np.column_stack([scale * found.angles, scale * found.angle_stds, words])
+            new = np.column_stack([scale * estimated.angles, scale * estimated.angle_stds, words])
         except DistalError as problem:
             problems[episode] = problem
         by_file.setdefault(episode.path, {})[episode.number] = time, new
@@ -206,17 +206,17 @@ def _describe(folder: Path, info: dict[str, Any], rig: Rig, values: New, unit: s
     if by_episode.is_file():
         lines = [json.loads(line) for line in by_episode.read_text(encoding="utf-8").splitlines()]
         for line in lines:
-            own = values.get(line["episode_index"])
-            if own is not None:
-                line["stats"] |= _statistics(own, every, line["stats"].get(STATE, {}))
+            of_episode = values.get(line["episode_index"])
+            if of_episode is not None:
+                line["stats"] |= _statistics(of_episode, every, line["stats"].get(STATE, {}))
         text = "".join(f"{json.dumps(line)}\n" for line in lines)
         by_episode.write_text(text, encoding="utf-8")
     start = f"stats/{STATE}/"
     for path in sorted((meta / "episodes").rglob("*.parquet")):
         table = pq.read_table(path)
         like = [name.removeprefix(start) for name in table.column_names if name.startswith(start)]
-        numbers = table["episode_index"].to_pylist() if like else []
-        rows = [_statistics(values[number], every, like) for number in numbers]
+        episodes = table["episode_index"].to_pylist() if like else []
+        rows = [_statistics(values[episode], every, like) for episode in episodes]
         for name in NEW if rows else ():
             for what in rows[0][name]:
                 column = pa.array([row[name][what] for row in rows])
@@ -244,7 +244,7 @@ def _statistics(
         return list(getattr(np, what)(counted, axis=0))
 
     pairs = zip(_features(values).values(), _features(every).values())
-    return {name: {what: one(what, *own) for what in kinds} for name, own in zip(NEW, pairs)}
+    return {name: {what: one(what, *pair) for what in kinds} for name, pair in zip(NEW, pairs)}
 
 
 def _write_json(path: Path, content: object) -> None:

@@ -54,8 +54,8 @@ class JointAngles(ObservationProcessorStep):  # type: ignore[misc]
         sample = self._units.sample(stamp, values)
         reading = self._monitor.take(stamp, sample, self._units.remarks)
         pairs = zip(reading.angles, reading.angle_stds)
-        told = [self._scale * value for pair in pairs for value in pair]
-        return observation | dict(zip(self._added, told))
+        estimates = [self._scale * value for pair in pairs for value in pair]
+        return observation | dict(zip(self._added, estimates))
 
     def reset(self) -> None:
         """Forget everything: an episode begins."""

@@ -336,9 +336,9 @@ class Search:
             likely = {cause for trial in trials[1 : 2 * LIKELIEST] for cause in trial.change}
             others = [change for change in changes if likely.issuperset(change)]
             pairs = [{**trials[0].change, **other} for other in others]
-            found = self._best([*trials, *self._weighed(self._tried([*near, *pairs]))])
-            trials = [trial for trial in found if len(trial.change) == 1]
-            both = [trial for trial in found if len(trial.change) == 2][:1]
+            ranked = self._best([*trials, *self._weighed(self._tried([*near, *pairs]))])
+            trials = [trial for trial in ranked if len(trial.change) == 1]
+            both = [trial for trial in ranked if len(trial.change) == 2][:1]
             needed = trials[0].gain + quantile(len(trials)) ** 2
             if any(t.gain > needed and self._halves(t.outcome, trials[0].outcome) for t in both):
                 trials = both

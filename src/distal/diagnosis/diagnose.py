@@ -259,8 +259,8 @@ def against_truth(result: Estimate) -> list[Finding]:
 def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     """Return the displacements that are beyond the range of their drives."""
     ranges = {sensor.name: position_range(rig, sensor) for sensor in rig.sensors_of("position")}
-    said = "is where its drive cannot be: wrong unit, zero or side?"
-    return [Finding("cannot be there", name, f"{name} {said}") for name in _outside(log, ranges)]
+    problem = "is where its drive cannot be: wrong unit, zero or side?"
+    return [Finding("cannot be there", name, f"{name} {problem}") for name in _outside(log, ranges)]
 
 
 def stuck_positions(log: Log, rig: Rig) -> list[Finding]:

@@ -174,9 +174,9 @@ def expected_readings(
     return found
 
 
-def said(time: Floats, at: Bools, words: str) -> list[str]:
-    """Return in words what is so `at` some samples, (k,), and when for the first time; nothing where
-    it never is.
+def first_time(time: Floats, at: Bools, words: str) -> list[str]:
+    """Return in words what is so `at` some samples, (k,), and when first; nothing where it never
+    is.
     """
     return [f"{words}, first at {time[at][0]:.4g} s"] if at.any() else []
 
@@ -196,7 +196,7 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
     for name, (low, high), off in zip(model.joint_names, np.rad2deg(stops), (desired - held).T):
         far = rounded(np.rad2deg(np.abs(off).max()), 3)
         words = f"{name} is wanted {far}° beyond its stops ({low:.4g} to {high:.4g}°)"
-        notes += said(time, np.abs(off) > TURNS, words)
+        notes += first_time(time, np.abs(off) > TURNS, words)
     return notes, held
 
 
@@ -221,7 +221,7 @@ def not_reached(
     notes = []
     for name, away in zip(model.joint_names, np.abs(reached - desired).T):
         off = rounded(np.rad2deg(away.max()))
-        notes += said(time, away > TURNS, f"{name} is off by up to {off}°, as {why}")
+        notes += first_time(time, away > TURNS, f"{name} is off by up to {off}°, as {why}")
     return notes
 
 
@@ -255,9 +255,9 @@ def beyond(
                 notes.append(words)
         low, high = drive.stops or (0.0, 0.0)
         words = f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}]"
-        notes += said(time, np.abs(asked[:, i] - read["positions"][:, i]) > TINY, words)
+        notes += first_time(time, np.abs(asked[:, i] - read["positions"][:, i]) > TINY, words)
     for tendon, tensions in zip(model.rig.tendon_names, read["tensions"].T):
-        notes += said(time, tensions < 0.5 * min(least, 1e-3), f"tendon {tendon} goes slack")
+        notes += first_time(time, tensions < 0.5 * min(least, 1e-3), f"tendon {tendon} goes slack")
     return notes
 
 

@@ -481,7 +481,7 @@ class CommandModel:
         return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
 
     def possible(self, forces: Vector, p: Vector) -> Vector:
-        """Return forces that the drives can have with the parameters p, (n_drives,): a slider cannot
+        """Return forces that drives can have with the parameters p, (n_drives,): a slider cannot
         push.
         """
         high = self.of_drives(p, "limit")

@@ -333,8 +333,8 @@ def _readings(
             away = jumps_away(values)
             if away.any():
                 lines.append(f"{sensor.log_column} {said_of_jumps(values, away)}")
-            own = np.where(held_samples(values) | away, np.nan, values)
-            values = earlier(time, own, sensor.delay)
+            plain = np.where(held_samples(values) | away, np.nan, values)
+            values = earlier(time, plain, sensor.delay)
             ends = stops[sensor.of] if sensor.measures == "angle" else None
             if ends is not None and np.isfinite(values).any():
                 off = float(np.nanmedian(values)) - (ends[0] + ends[1]) / 2

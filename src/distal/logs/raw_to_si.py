@@ -457,7 +457,7 @@ class RawToSI:
             logged: numbers of each sensor, NaN where missing, (k,) each.
         """
         samples = np.empty((len(logged), len(time)))
-        said = dict[tuple[Kind, str], list[tuple[Remark, float]]]()
+        remarks_by_sensor = dict[tuple[Kind, str], list[tuple[Remark, float]]]()
         # what registers mean holds from the first sample on
         for channel, values in zip(self._channels, logged):
             channel.register = _Register.learned(values, channel.turn) or channel.register
@@ -467,13 +467,15 @@ class RawToSI:
             for remark in self.remarks:
                 # where a log begins it is taken as it is
                 if remark.kind != "unknown turn":
-                    said.setdefault((remark.kind, remark.sensor), []).append((remark, stamp))
+                    remarks_by_sensor.setdefault((remark.kind, remark.sensor), []).append(
+                        (remark, stamp)
+                    )
         sensors = [channel.sensor for channel in self._channels]
         column_of = {sensor.name: sensor.log_column for sensor in sensors}
         lines = [
             f"{replace(remarks[0][0], sensor=column_of.get(sensor, '')).text} ({len(remarks)} "
             f"readings, the first at {remarks[0][1]:g} s)"
-            for (_, sensor), remarks in said.items()
+            for (_, sensor), remarks in remarks_by_sensor.items()
         ]
         return {sensor.name: sealed(values) for sensor, values in zip(sensors, samples)}, lines
 

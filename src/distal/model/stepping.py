@@ -206,15 +206,15 @@ def restitutions(mechanism: Mechanism, inertias: Vector, drift: Scalar) -> Vecto
     where a step with this `drift` [s] resolves the contact, which then needs no rebound. The
     `inertias` are (n,).
     """
-    each = []
+    rebounds = []
     for i, inertia in enumerate(ca.vertsplit(inertias)):
         rebound = ca.SX(0)
         if mechanism.bodies[i].has_stops:
             stiffness, damping, _, _ = mechanism.stop(i)
             unresolved = stiffness * drift * drift / inertia > 1
             rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertia), 0)
-        each.append(rebound)
-    return ca.vertcat(*each)
+        rebounds.append(rebound)
+    return ca.vertcat(*rebounds)
 
 
 def _bounced(

@@ -439,13 +439,13 @@ def _link(
     moments of inertia; empty if they are massless.
     """
     # about the centre of mass of all: moments and products of inertia, mass times offset, mass
-    whole = data.cinert[bodies].sum(axis=0)
-    mass = float(whole[9])
+    spatial_inertia = data.cinert[bodies].sum(axis=0)
+    mass = float(spatial_inertia[9])
     if mass <= 0.0:
         return {}
-    off = whole[6:9] / mass
+    off = spatial_inertia[6:9] / mass
     shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
-    turned = frame.T @ (whole[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]] - shift) @ frame
+    turned = frame.T @ (spatial_inertia[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]] - shift) @ frame
     centre = data.subtree_com[model.body_rootid[bodies[0]]] + off - origin
     link = {
         "mass": mass,

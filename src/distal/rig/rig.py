@@ -247,10 +247,10 @@ class Rig(Description):
         return validated(Rig, raw, self.name, RigError)
 
 
-def _look_up(name: str, names: Sequence[str], place: str, kind: str) -> None:
-    """Refuse a name, at a place in the description, that none of a kind of parts has."""
+def _look_up(name: str, names: Sequence[str], path: str, kind: str) -> None:
+    """Refuse a name, at a `path` in the description, that none of a kind of parts has."""
     if name not in names:
-        raise ValueError(f"{place}: no {kind} is called '{name}'{did_you_mean(name, names)}")
+        raise ValueError(f"{path}: no {kind} is called '{name}'{did_you_mean(name, names)}")
 
 
 def _check_names(kind: str, names: Sequence[str]) -> None:

@@ -287,21 +287,21 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
         below = list[object]()
         for parent in parents:
             where = ".".join(keys[:depth])
-            for place in _places(parent, key, f"--set '{path}': '{where}' has no '{key}'", error):
-                old = parent[place] if isinstance(parent, list) else parent.get(place)
+            for index in _keys_for(parent, key, f"--set '{path}': '{where}' has no '{key}'", error):
+                old = parent[index] if isinstance(parent, list) else parent.get(index)
                 if depth + 1 == len(keys):
                     # a table is changed in place: each item gets one of its own
-                    parent[place] = _merged(old, deepcopy(value))
+                    parent[index] = _merged(old, deepcopy(value))
                 elif isinstance(old, (int, float, str)):
                     # `coefficient = 0.5` then `--set …coefficient.std=0.1`: it becomes a table
-                    parent[place] = {"value": old}
+                    parent[index] = {"value": old}
                 elif old is None:
-                    parent[place] = {}
-                below.append(parent[place])
+                    parent[index] = {}
+                below.append(parent[index])
         parents = below
 
 
-def _places(parent: object, key: str, missing: str, error: type[DistalError]) -> Iterable[Any]:
+def _keys_for(parent: object, key: str, missing: str, error: type[DistalError]) -> Iterable[Any]:
     """Return the indices or the key for which a `key` of a path stands, or raise `error` with what
     is `missing`.
     """

@@ -673,10 +673,10 @@ class Monitor:
         came["touched"][:] = live.touched
         came["first"][:] = self._fresh
         came["dt"][:] = dt
-        self._memory, found = self._check(self._memory, self._sample)
+        self._memory, findings = self._check(self._memory, self._sample)
         self._fresh = False
         self._doubted = ()
-        if found[0] == 0:
+        if findings[0] == 0:
             return []
         learned = self._memory[watch.memory["learned"]]
         jumped = watch.redundancy.jumped(learned)
@@ -685,7 +685,7 @@ class Monitor:
             "hurried": [dt],
             "dead": self._memory[watch.memory["age"]],
             "large": np.sqrt(self._memory[watch.memory["ratio"]]),
-            "beyond": found[watch.findings["beyond"]],
+            "beyond": findings[watch.findings["beyond"]],
         }
         sayings = {
             "interval": live.interval,
@@ -695,7 +695,7 @@ class Monitor:
         problems = []
         doubted = set[str]()
         for finding, (word, sentence) in SAID.items():
-            flags = found[watch.findings[finding]]
+            flags = findings[watch.findings[finding]]
             if flags.any():
                 names = [*compress(watch.subjects[finding], flags)]
                 size = [*compress(sizes.get(finding, flags), flags)]

@@ -210,7 +210,7 @@ class Redundancy:
         remembered = layout.parts(memory)
         sample, after = self._tracked(remembered, came)
         values = ca.if_else(sample.chance > 0.5, sample.real, sample.off)
-        found = []
+        judgements = []
         for k, part in enumerate(self._parts):
             was = part.memory.parts(remembered[f"part_{k}"])
             read = values[part.read]
@@ -228,9 +228,9 @@ class Redundancy:
             is_wrong = _any(now["evidence"] > -np.log(PRIOR))
             unlike = ca.fmax(ca.fmax(is_unlike, is_wrong), _any(sample.lasting[part.read]))
             cost = ca.if_else(is_outside, MOST, _cost(square, spread, beyond))
-            found.append((cost, unlike, beyond > 0))
+            judgements.append((cost, unlike, beyond > 0))
             after[f"part_{k}"] = part.memory.joined(**now)
-        costs, unlike, outside = (ca.vertcat(*of) for of in zip(*found))
+        costs, unlike, outside = (ca.vertcat(*of) for of in zip(*judgements))
         return layout.joined(**after), costs, unlike, outside
 
     def _tracked(
@@ -278,17 +278,17 @@ class _Part:
             earlier: those `LATE` before.
         """
         names = self.learned.channels
-        found = dict[str, VectorNode]()
+        hypotheses = dict[str, VectorNode]()
         for i, j in combinations(range(len(names)), 2):
             order = list(range(len(self.read)))
             order[i], order[j] = j, i
-            found[f"{names[i]} and {names[j]} look exchanged"] = read[order]
+            hypotheses[f"{names[i]} and {names[j]} look exchanged"] = read[order]
         for k, name in enumerate(names):
-            found[f"{name} looks late"] = ca.vertcat(earlier[:k], read[k], earlier[k + 1 :])
+            hypotheses[f"{name} looks late"] = ca.vertcat(earlier[:k], read[k], earlier[k + 1 :])
         for k, name in enumerate(names):
             turned = ca.vertcat(read[:k], -read[k], read[k + 1 :])
-            found[f"{name} looks as if its sign were wrong"] = turned
-        return found
+            hypotheses[f"{name} looks as if its sign were wrong"] = turned
+        return hypotheses
 
     @cached_property
     def suspicions(self) -> list[str]:

@@ -428,10 +428,10 @@ def judged_alone(
     chance = ca.MX(0)
     drives = []
     track = track_function(Robustness(), False)
-    for own, (k, judged, message) in zip(ca.vertsplit(memory, MEMORY), positions):
+    for remembered_of, (k, judged, message) in zip(ca.vertsplit(memory, MEMORY), positions):
         came = {"reading": readings[k], "mask": masks[k], **JUDGED.parts(judged)}
         given = ca.vertcat(*(came.get(name, 0) for name in READING.names))
-        drive = track(own, given, dt, faded(dt))[:MEMORY]
+        drive = track(remembered_of, given, dt, faded(dt))[:MEMORY]
         branch = branches(drive)
         off[k] = branch["off"]
         real[k] = branch["real"]

@@ -64,7 +64,7 @@ def adaptive_function(
     if parts:
         filters = [adaptive_function(part.states, resolution, trace) for part in parts]
         m = 2 * len(context.channels.compared)
-        outputs = len(_places(states)["y"]) if trace else m
+        outputs = len(_meanings(states)["y"]) if trace else m
         sizes = layout.size, context.width, parameters, outputs
         return side_by_side("adaptive", [part.of(f) for part, f in zip(parts, filters)], sizes)
     inputs = symbols(ca.MX, kernel_state=layout.size, x=context.width, p=parameters)
@@ -162,18 +162,18 @@ def _apart(states: StateVector, part: Subsystem) -> Apart:
     parameters = context.mechanism.parameters
     inputs = part.own_paths(parameters.inputs)
     channels = _channels(part, context.channels)
-    own = states_of_rig(
+    subsystem = states_of_rig(
         part.rig, inputs, channels, context.robustness, states.kinds, parameters.folded
     )
-    whole = _places(states)
-    at = {name: _among(whole[name], places) for name, places in _places(own).items()}
-    of_states = _among(_keys(states), _keys(own))
-    names = own.context.mechanism.parameters.names
+    of_all = _meanings(states)
+    at = {name: _among(of_all[name], meanings) for name, meanings in _meanings(subsystem).items()}
+    of_states = _among(_keys(states), _keys(subsystem))
+    names = subsystem.context.mechanism.parameters.names
     at["p"] = _among(parameters.names, [_whole_name(part, of_states, name) for name in names])
-    return Apart(own, at)
+    return Apart(subsystem, at)
 
 
-def _places(states: StateVector) -> dict[str, list[tuple[str, object]]]:
+def _meanings(states: StateVector) -> dict[str, list[tuple[str, object]]]:
     """Return a vector of the kernel → what each of its numbers is, in the words of the rig."""
     context = states.context
     rig = context.rig
@@ -204,7 +204,7 @@ def _places(states: StateVector) -> dict[str, list[tuple[str, object]]]:
         "transition": square,
     }
     return {
-        vector: [(name, place) for name, places in parts.items() for place in places]
+        vector: [(name, meaning) for name, meanings in parts.items() for meaning in meanings]
         for vector, parts in (("kernel_state", kernel_state), ("x", x), ("y", y))
     }
 

@@ -63,7 +63,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         yield from _of_sensor(context, sensor)
     for kind, keys in PLAIN.items():
         for i in range(len(rig.components[kind])):
-            yield from _numbers(rig, f"{kind}.{i}", keys)
+            yield from _inputs_at(rig, f"{kind}.{i}", keys)
     shape = context.contact_shape
     for i, joint in enumerate(rig.joints):
         for moving, (ratio, share) in context.ratios(i).items():
@@ -89,7 +89,7 @@ def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     for t, tendon in enumerate(rig.tendons):
         yield f"tendons.{t}.likely_tension", likely_tension(rig, t)
         if tendon.creep is not None:
-            yield from _numbers(rig, f"tendons.{t}.creep", ("settled", "settled.std"))
+            yield from _inputs_at(rig, f"tendons.{t}.creep", ("settled", "settled.std"))
     p = context.mechanism.parameters
     for i, name in enumerate(p.names):
         if name.endswith((".backlash.width", ".share")):
@@ -110,7 +110,7 @@ PLAIN = {
 """Kind of component → keys of the numbers that are inputs as they stand in the description."""
 
 
-def _numbers(rig: Rig, path: str, keys: Iterable[str]) -> Iterator[tuple[str, float]]:
+def _inputs_at(rig: Rig, path: str, keys: Iterable[str]) -> Iterator[tuple[str, float]]:
     """Yield path and value of numbers of the component at a `path`."""
     for key in keys:
         yield f"{path}.{key}", number_at(rig, f"{path}.{key}")
@@ -118,7 +118,7 @@ def _numbers(rig: Rig, path: str, keys: Iterable[str]) -> Iterator[tuple[str, fl
 
 def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, float]]:
     path = context.path(sensor)
-    yield from _numbers(context.rig, path, ("noise", "bias", "linearity", "rate", "lag"))
+    yield from _inputs_at(context.rig, path, ("noise", "bias", "linearity", "rate", "lag"))
     yield f"{path}.rounding", quantisation_variance(step_of(sensor))
     yield f"{path}.unknown_bias", context.bias_std(sensor)
     if has_gain(sensor):

@@ -460,7 +460,7 @@ def updated(
     p = interval.p
     dt = interval.x[0]
     rows, function = rows_function(states)
-    found = function(prior, tracks, rates, interval.x, p)
+    compared_rows = function(prior, tracks, rates, interval.x, p)
     mean = prior
     innovations = list[ScalarNode]()
     spreads = list[ScalarNode]()
@@ -469,7 +469,7 @@ def updated(
     watch = evidence_function()
     touched = kept.touched
     fixed = np.flatnonzero(states.lasting).tolist()
-    for row, values, jacobian in zip(rows, found, found[len(rows) :]):
+    for row, values, jacobian in zip(rows, compared_rows, compared_rows[len(rows) :]):
         at = ROW.parts(values)
         slopes = dict(zip(SLOPED, ca.horzsplit(jacobian)))
         by = {part: covariance.times(slope) for part, slope in slopes.items()}
