@@ -522,12 +522,6 @@ class Monitor:
         self._check = Evaluation(watch.function())
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
-        self.rig = live.rig
-        """The description of the rig that the estimator runs on."""
-        self.channels = live.channels
-        """Names of the sensors in a sample."""
-        self.torque_names = live.torque_names
-        """Names of the estimated external torques, one for each joint that may be touched."""
         self._begin()
 
     def _begin(self) -> None:
@@ -560,6 +554,21 @@ class Monitor:
     def _remembered(self) -> dict[str, object]:
         names = ("_anew", "_before", "_fresh", "_late", "_last_late", "_memory", "_time")
         return {name: getattr(self, name) for name in names}
+
+    @property
+    def rig(self) -> Rig:
+        """The description of the rig that the estimator runs on."""
+        return self._live.rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample."""
+        return self._live.channels
+
+    @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the estimated external torques, one for each joint that may be touched."""
+        return self._live.torque_names
 
     @property
     def contact_names(self) -> tuple[str, ...]:

@@ -138,22 +138,9 @@ class LiveEstimator(JointAngles):
                 f"{chosen.name} is for logs; live, use adaptive or another one with a kernel"
             )
         self._made_of = rig, estimator, compiled
-        self.estimator = chosen
-        """The estimator that takes in the samples."""
-        self.rig = chosen.rig
-        """The description of the rig that the estimator runs on."""
-        self.channels = chosen.channels
-        """Names of the sensors in a sample."""
-        self.measured = chosen.measured
-        """Names of the sensors that have an innovation."""
-        self.state_names = chosen.state_names
-        """Names of the estimator's states, (n,)."""
-        self.interval = chosen.interval
-        """Nominal time between samples [s]."""
-        self.time = nan
-        """Stamp of the last sample [s]; NaN before the first."""
-        self.samples = 0
-        """Number of samples taken in since the beginning or the last `reset`."""
+        self._estimator = chosen
+        self._time = nan
+        self._samples = 0
         self._n = len(self.state_names)
         m = len(self.measured)
         self._loop = chosen.kernel.loop(chosen.parameters)
@@ -167,12 +154,8 @@ class LiveEstimator(JointAngles):
         # where the masks of what is compared stand in a row
         self._read = [1 + self._width + self.channels.index(name) for name in self.measured]
         self._innovations = np.full(m, np.nan)
-        self.innovations = _view(self._innovations)
-        """Innovations of the last sample, measured minus predicted, (m,), NaN where nothing was
-        compared; a view that changes with each step.
-        """
-        self.innovation_variances = _view(self._y[m : 2 * m])
-        """Variances of the innovations, (m,), a view that changes with each step."""
+        self._innovation_view = _view(self._innovations)
+        self._innovation_variances = _view(self._y[m : 2 * m])
         self._begin: tuple[Floats | None, float] = (None, 0.0)
         mean = mean_of(self._kernel_state, self._n)
         covariance = covariance_of(self._kernel_state, self._n)
@@ -183,22 +166,16 @@ class LiveEstimator(JointAngles):
         )
         # in which it differs from a new one
         self._arrays = [self._kernel_state, self._state, self._spread, self._innovations]
-        self.mean = _view(self._state)
-        """Reported estimate of the states, (n,), a read-only view that changes with each step."""
-        self.covariance = _view(self._spread)
-        """Reported covariance of the estimate's error, (n, n), a read-only view that changes with
-        each step.
-        """
-        self.angles = self.mean[chosen.angles]
-        """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
+        self._mean = _view(self._state)
+        self._covariance = _view(self._spread)
+        self._angles = self._mean[chosen.angles]
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._kernel_state[self._n : self._n * (self._n + 1) : self._n + 1]
         self._touched = list(chosen.touched)
         torques = external_torques_of(chosen)
         self._touchable = list(torques)
         self._torques = list(torques.values())
-        self.torque_names = tuple(self.state_names[i] for i in self._torques)
-        """Names of the estimated external torques, one for each joint that may be touched."""
+        self._torque_names = tuple(self.state_names[i] for i in self._torques)
         self._warm()
 
     def _warm(self) -> None:
@@ -224,7 +201,7 @@ class LiveEstimator(JointAngles):
                 sample has a wrong shape or a wild value: the state is then unchanged. Or the filter
                 diverged: call `reset`.
         """
-        name = self.estimator.name
+        name = self._estimator.name
         problem = sample_problem(sample, self.channels)
         if problem is not None:
             raise EstimationError(f"{name}: {problem}")
@@ -244,14 +221,14 @@ class LiveEstimator(JointAngles):
                 x[i + width] = MISSING
             else:
                 raise EstimationError(f"{name}: {wild_problem(sample)}")
-        if self.samples == 0:
+        if self._samples == 0:
             self._start(time, sample)
             x[0] = 0.0
             parts = 1
         else:
-            dt = time - self.time
+            dt = time - self._time
             if dt < SHORTEST:
-                check_time(name, self.time, time, False)
+                check_time(name, self._time, time, False)
             parts = predictions(dt, self.interval)
             if parts > MOST_BRIDGES:
                 raise EstimationError(
@@ -261,20 +238,20 @@ class LiveEstimator(JointAngles):
         if parts > 1:
             self._bridge(parts)
         self._loop.step()
-        self.time = time
-        self.samples = self.samples + 1
+        self._time = time
+        self._samples = self._samples + 1
         for i, mask in enumerate(self._read):
             self._innovations[i] = self._y[i] if x[mask] else nan
-        if self.estimator.report.states:
+        if self._estimator.report.states:
             self._report()
-        angles = self.angles.tolist()
+        angles = self._angles.tolist()
         # a sum would warn of infinite terms; bytes are searched faster than an array is reduced
         bounded = b"\0" not in np.isfinite(self._kernel_state, out=self._finite).tobytes()
         for angle in angles:
             bounded = bounded and abs(angle) <= LARGEST_ANGLE
         if not bounded:
             raise EstimationError(f"{name}: left all bounds at {time:g} s; call reset")
-        return angles[0] if len(angles) == 1 else self.angles
+        return angles[0] if len(angles) == 1 else self._angles
 
     def _bridge(self, parts: int) -> None:
         """Cross a gap by all but the last of its predictions; the row of the sample itself stands
@@ -285,13 +262,13 @@ class LiveEstimator(JointAngles):
         sample = values.copy()
         is_read = mask == READ
         for rows_after in range(parts - 1, 0, -1):
-            fill(values, mask, sample, is_read, rows_after, self.estimator.bridged)
+            fill(values, mask, sample, is_read, rows_after, self._estimator.bridged)
             self._loop.step()
         fill(values, mask, sample, is_read)
 
     def _report(self) -> None:
         """Write the reported mean and covariance, with the learned maps, from the filter's own."""
-        report = self.estimator.report
+        report = self._estimator.report
         y = self._y[None]
         n = self._n
         self._state[:] = report.means(self._kernel_state[None, :n], y)[0]
@@ -301,7 +278,7 @@ class LiveEstimator(JointAngles):
 
     def _start(self, time: float, sample: Floats) -> None:
         """Begin with the prior, at the angles and with the std that `reset` was given."""
-        self._kernel_state[:] = self.estimator.initial(time, sample).kernel_state
+        self._kernel_state[:] = self._estimator.initial(time, sample).kernel_state
         angles, std = self._begin
         if angles is not None:
             self._kernel_state[self._joint_states] = angles
@@ -326,15 +303,15 @@ class LiveEstimator(JointAngles):
                 f"reset takes {self._joint_states.stop} angles, one for each joint, {angle!r} came"
             )
         self._begin = (angles, angle_std)
-        self.samples = 0
-        self.time = nan
+        self._samples = 0
+        self._time = nan
         self._innovations[:] = np.nan
 
     def clone(self) -> LiveEstimator:
         """Return a live estimator at the same belief, with arrays of its own, so that both go on
         independently, also in different threads.
         """
-        return LiveEstimator(self.rig, self.estimator).resumed(self.belief())
+        return LiveEstimator(self.rig, self._estimator).resumed(self.belief())
 
     __copy__ = clone
     """Arrays are never shared."""
@@ -352,16 +329,90 @@ class LiveEstimator(JointAngles):
     def belief(self) -> Remembered:
         """Return a copy of all that the next sample changes, for `resumed`."""
         arrays = [array.copy() for array in self._arrays]
-        return Remembered(arrays, self._begin, self.time, self.samples)
+        return Remembered(arrays, self._begin, self._time, self._samples)
 
     def resumed(self, belief: Remembered) -> LiveEstimator:
         """Return this live estimator, put back to a `belief`: the next sample is the one after."""
         for array, values in zip(self._arrays, belief.arrays):
             array[:] = values
-        _, self._begin, self.time, self.samples = belief
+        _, self._begin, self._time, self._samples = belief
         return self
 
     __setstate__ = resumed
+
+    @property
+    def estimator(self) -> KernelEstimator:
+        """The estimator that takes in the samples."""
+        return self._estimator
+
+    @property
+    def rig(self) -> Rig:
+        """The description of the rig that the estimator runs on."""
+        return self._estimator.rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample."""
+        return self._estimator.channels
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the sensors that have an innovation."""
+        return self._estimator.measured
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the estimator's states, (n,)."""
+        return self._estimator.state_names
+
+    @property
+    def interval(self) -> float:
+        """Nominal time between samples [s]."""
+        return self._estimator.interval
+
+    @property
+    def time(self) -> float:
+        """Stamp of the last sample [s]; NaN before the first."""
+        return self._time
+
+    @property
+    def samples(self) -> int:
+        """Number of samples taken in since the beginning or the last `reset`."""
+        return self._samples
+
+    @property
+    def innovations(self) -> Floats:
+        """Innovations of the last sample, measured minus predicted, (m,), NaN where nothing was
+        compared; a view that changes with each step.
+        """
+        return self._innovation_view
+
+    @property
+    def innovation_variances(self) -> Floats:
+        """Variances of the innovations, (m,), a view that changes with each step."""
+        return self._innovation_variances
+
+    @property
+    def mean(self) -> Floats:
+        """Reported estimate of the states, (n,), a read-only view that changes with each step."""
+        return self._mean
+
+    @property
+    def covariance(self) -> Floats:
+        """Reported covariance of the estimate's error, (n, n), a read-only view that changes with
+        each step.
+        """
+        return self._covariance
+
+    @property
+    def angles(self) -> Floats:
+        """Angles of the joints [rad], (n_joints,), a read-only view that changes with each step."""
+        return self._angles
+
+    @property
+    def torque_names(self) -> tuple[str, ...]:
+        """Names of the estimated external torques, one for each joint that may be touched."""
+        return self._torque_names
 
     @property
     def angle_stds(self) -> Floats:
@@ -375,7 +426,7 @@ class LiveEstimator(JointAngles):
     @property
     def added_by_maps(self) -> Floats:
         """Angles that learned maps add to the filter's own [rad], (n_joints,)."""
-        added: Floats = self.angles - self._kernel_state[self._joint_states]
+        added: Floats = self._angles - self._kernel_state[self._joint_states]
         return added
 
     @property
@@ -384,7 +435,7 @@ class LiveEstimator(JointAngles):
         torques = zip(self.external_torques.tolist(), self.external_torque_stds.tolist())
         felt = dict(zip(self._touchable, torques))
         contacts = list[JointContact]()
-        for joint, at in self.estimator.contacts.items():
+        for joint, at in self._estimator.contacts.items():
             probability, since = self._kernel_state[at].tolist()
             contacts.append(JointContact(joint, probability, *felt[joint], since))
         return tuple(contacts)
