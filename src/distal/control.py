@@ -26,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND, COVERED_TEXT
 from distal.errors import ControlError, ScenarioError, did_you_mean
 from distal.estimators import ESTIMATORS, usual_estimator
 from distal.expressions import Vector
@@ -37,6 +38,8 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.results import (
     BLACK,
+    SOFT,
+    band_colour,
     curve_style,
     figure,
     legend_above,
@@ -645,7 +648,8 @@ axis. Source: layout.
 
 
 def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> Figure:
-    """Draw the reference and, for each feedback, the true angle, its deviation and a command.
+    """Draw the reference and, for each feedback, the true angle, its deviation and a command; also
+    the error of the first estimator with its 95 % band.
 
     The `runs` are of one scenario with different feedbacks; the joint is the first one that is
     controlled.
@@ -669,6 +673,14 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
             effort = next(iter(run.commands.values()))
             # a feedback that chatters stands behind the others
             commands.plot(time, effort, zorder=3 - 0.1 * k, **look)
+        estimated = next((run for run in runs if run.feedback not in (ENCODER, RATIO)), None)
+        if estimated is not None:
+            error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
+            half = BAND * np.rad2deg(estimated.stds[:, j])
+            label = f"error of {estimated.feedback} and its {COVERED_TEXT} band"
+            deviations.plot(time, error, color=SOFT, lw=0.8, label=label)
+            deviations.fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
+            legend_above(deviations)
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0
         angles.set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
