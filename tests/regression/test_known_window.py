@@ -29,7 +29,7 @@ def test_the_likeliest_share_of_a_prior_is_that_with_the_largest_density() -> No
         costs = [cost(s * explained + noise, drawn) for s in shares]
         found = weights.likeliest_share(replace(log, target=drawn), 0.3)
         assert np.log(found) == pytest.approx(np.log(shares[int(np.argmin(costs))]), abs=0.05)
-    nothing = log.rows(np.zeros(25, dtype=bool))
+    nothing = log.part(np.zeros(25, dtype=bool))
     assert weights.likeliest_share(nothing, 0.0) == 0.0
 
 

@@ -17,12 +17,12 @@ from typing import TypeAlias
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
 from distal.errors import DistalError
-from distal.estimators import channels_of, parts_of, samples_of_angles
+from distal.estimators import samples_of_angles
 from distal.fitting.learned_maps import (
     HeldOut,
     MapFit,
+    Score,
     answering,
     counted_from,
     filtered,
@@ -364,43 +364,11 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
     if homing is None and len(set(folds)) < 2:
         return (line,)
     data = list(candidate.data.values())
-    beside = map_of(data, candidate.rig, "filter", line.parts, folds, homing)
+    beside = map_of(data, candidate.rig, "filter", folds, homing)
     if homing is not None:
         return line, beside
     beside = with_its_reference_error(beside, training.logs)
     return pooled(beside, line, candidate.data, training.logs)
-
-
-@dataclass(frozen=True)
-class Score:
-    """The RMS error of an estimator on a log [rad], the share of samples inside its 95 % band, and
-    the band's mean half-width [rad].
-
-    `joint_halves` has the half-width of each joint [rad]; it is empty where there is no band.
-    """
-
-    rms: float
-    inside: float
-    half: float
-    joint_halves: tuple[float, ...] = ()
-
-    @classmethod
-    def of(cls, joints: Sequence[HeldOut], begin: float) -> Score:
-        """Return the score of each joint's errors, which count from the time `begin` on [s]."""
-        parts = [(joint, joint.time >= begin) for joint in joints]
-        pairs = [(joint.errors[late], np.sqrt(joint.variances[late])) for joint, late in parts]
-        errors, stds = (np.concatenate(columns) for columns in zip(*pairs))
-        return cls(
-            _mean(errors**2) ** 0.5,
-            _mean(np.abs(errors) <= BAND * stds),
-            BAND * _mean(stds),
-            tuple(BAND * _mean(of_joint) for _, of_joint in pairs),
-        )
-
-
-def _mean(values: Floats) -> float:
-    """Return the mean of some values; NaN where there are none."""
-    return float(np.mean(values)) if len(values) else float("nan")
 
 
 WRITTEN = "as written"
@@ -607,6 +575,5 @@ def readings_map(training: Training) -> MapFit:
     """Return the map of the angles by readings alone."""
     data = [samples_of_angles(log, training.rig) for log in training.logs]
     homing = training.options.homing
-    parts = parts_of(training.rig, channels_of(training.rig, "regression"))
-    map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
+    map_fit = map_of(data, training.rig, "readings", training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)

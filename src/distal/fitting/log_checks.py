@@ -23,7 +23,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError, FitError
 from distal.estimators import channels_of, samples_of_angles
-from distal.fitting.learned_maps import Seen, Task, moved
+from distal.fitting.learned_maps import Seen, Task, density, moved
 from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
 from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples, yardstick_error
 from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names
@@ -63,7 +63,7 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
     of = {"channels": channels.proximal, "positions": channels.positions}
     names = {key: tuple(sensor.name for sensor in sensors) for key, sensors in of.items()}
     seen = Seen.of(samples, names)
-    tasks = [seen.task(samples, joint, folds)[0] for joint in joints]
+    tasks = [seen.task(samples, joint, folds) for joint in joints]
     times = [log.time for log in samples]
     # samples whose errors are one correlation time apart count as independent
     each = float(np.mean([np.ptp(time) for time in times]) / np.exp(Prior().error_time))
@@ -120,7 +120,7 @@ def _likeliest(tasks_at: Callable[[float], list[Task]], each: float) -> tuple[fl
     def cost(age: float, tried: Sequence[Sequence[Prior]]) -> float:
         """Return the least cost of an age with one of the hyperparameters of each task."""
         return -sum(
-            max(float(np.sum(task.densities(prior))) for prior in priors)
+            max(sum(density(*pair) for pair in task.held_out(prior)) for prior in priors)
             for task, priors in zip(tasks_at(age), tried)
         )
 
