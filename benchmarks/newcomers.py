@@ -179,7 +179,7 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         real = parameter_search.search
 
         def search(problem: Problem, *further: Any, most: int | None = None, **named: Any) -> Any:
-            return real(problem, *further, most=10 * (most or problem.settings.iterations), **named)
+            return real(problem, *further, most=10 * (most or parameter_search.ITERATIONS), **named)
 
         parameter_search.search = search
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():

@@ -86,13 +86,15 @@ def terms_of(rig: Rig) -> Iterator[MissingTerm]:
     """Yield the terms that may be added to a rig: friction along cables, creep, backlash of drives,
     changing moment arms.
     """
-    sheaths: dict[str, object] = {}
-    for tendon in rig.tendons:
-        if tendon.path is None:
-            way = {"friction": {"value": 0.1, "std": 0.1}, "wrap": np.pi / 2, "nodes": NODES}
-            sheaths[f"tendons.{tendon.name}.path"] = way
-        elif tendon.path.nodes == 0:
-            sheaths[f"tendons.{tendon.name}.path.nodes"] = NODES
+    sheath = {"friction": {"value": 0.1, "std": 0.1}, "wrap": np.pi / 2, "nodes": NODES}
+    sheaths: dict[str, object] = {
+        f"tendons.{t.name}.path": sheath for t in rig.tendons if t.path is None
+    }
+    sheaths |= {
+        f"tendons.{t.name}.path.nodes": NODES
+        for t in rig.tendons
+        if t.path is not None and t.path.nodes == 0
+    }
     creep = {"share": {"value": 0.1, "std": 0.1}, "time": {"value": 10.0, "std": 10.0}}
     plays = {
         f"drives.{drive.name}.backlash.width": {"value": PLAY[drive.kind], "std": PLAY[drive.kind]}
@@ -177,15 +179,17 @@ def with_parts(
     """
     fits = []
     for part in parts:
+        if not part.values:
+            continue
         try:
             problem = problem_of(logs, rig.with_values(part.values), options)
-            parameters = by_equations(problem, options, None, begin) if part.values else None
+            parameters = by_equations(problem, options, None, begin)
         except DistalError:
             continue
-        if parameters is not None and parameters.optimum.interrupted:
-            # the caller has the estimates without the term
-            raise KeyboardInterrupt
         if parameters is not None:
+            if parameters.optimum.interrupted:
+                # the caller has the estimates without the term
+                raise KeyboardInterrupt
             fits.append((part, parameters))
     return fits
 
@@ -322,9 +326,8 @@ def filter_candidate(
     if training.options.homing is not None:
         return plain
     surer = _filtered(name, training, parameters, of_folds, True)
-    errors = [mean_rms(way.data, None) for way in (surer, plain)]
-    better = len(surer.data) == len(plain.data) and errors[0] < NAMED * errors[1]
-    return surer if better else plain
+    better = mean_rms(surer.data, None) < NAMED * mean_rms(plain.data, None)
+    return surer if better and len(surer.data) == len(plain.data) else plain
 
 
 def _filtered(
@@ -417,18 +420,21 @@ def comparisons(
             continue
         of_readings = maps["readings"].held_out(i)
         alone = Score.of(of_readings, begin)
-        scores: dict[str, Score | None] = {WRITTEN: None if "filter" in maps else alone}
+        written: Score | None = alone
         judged = of_readings[0].time
-        if "filter" in maps and i in candidates[0].data:
-            of_map = maps["filter"].held_out(list(candidates[0].data).index(i))
-            scores[WRITTEN] = Score.of(of_map, begin)
-            judged = of_map[0].time
+        if "filter" in maps:
+            written = None
+            if i in candidates[0].data:
+                of_map = maps["filter"].held_out(list(candidates[0].data).index(i))
+                written = Score.of(of_map, begin)
+                judged = of_map[0].time
+        scores: dict[str, Score | None] = {WRITTEN: written}
         for candidate in candidates:
             scores[candidate.name] = _of_filter(candidate.data.get(i), judged, begin)
         scores[REGRESSION] = alone
         if homing is None:
-            groups = zip(training.groups, every)
-            remaining = [samples for group, samples in groups if group != training.groups[i]]
+            groups = training.groups
+            remaining = [own for group, own in zip(groups, every) if group != groups[i]]
             early = (every[i].time < begin)[:, None]
             late = replace(every[i], targets=np.where(early, np.nan, every[i].targets))
             for name in YARDSTICKS:
@@ -487,10 +493,10 @@ class Judged:
     @property
     def error(self) -> float:
         """RMS error on logs left out of the chosen filter, or of readings alone [rad]."""
-        of_readings = (
-            [rms for learned in self.line.maps for rms in learned.rms] if self.line else []
-        )
-        alone = float(np.sqrt(np.mean(np.square(of_readings)))) if of_readings else np.inf
+        if self.line is None:
+            return self.chosen.error
+        of_readings = [rms for learned in self.line.maps for rms in learned.rms]
+        alone = float(np.sqrt(np.mean(np.square(of_readings))))
         return min(self.chosen.error, alone)
 
 
@@ -526,23 +532,18 @@ def with_terms(judged: Judged, progress: Progress | None = None) -> Judged:
     """
     if judged.line is None or judged.interrupted:
         return judged
+    return _judging(judged, _ways_with_terms(judged), progress)
+
+
+def _ways_with_terms(judged: Judged) -> Iterator[Way]:
     training = judged.training
-    try:
-        tried = tried_parts(judged.logs, training.rig, training.options, judged.solutions[0])
-    except KeyboardInterrupt:
-        return replace(judged, interrupted=True)
-    ways = [
-        (
-            f"{BY_EQUATIONS}, with {part.name}",
-            replace(training, rig=training.rig.with_values(part.values), part=part),
-            parameters,
-        )
-        for part, parameters in tried
-    ]
-    return _judging(judged, ways, progress)
+    rig = training.rig
+    for part, parameters in tried_parts(judged.logs, rig, training.options, judged.solutions[0]):
+        with_part = replace(training, rig=rig.with_values(part.values), part=part)
+        yield f"{BY_EQUATIONS}, with {part.name}", with_part, parameters
 
 
-def _judging(judged: Judged, ways: Sequence[Way], progress: Progress | None) -> Judged:
+def _judging(judged: Judged, ways: Iterable[Way], progress: Progress | None) -> Judged:
     """Return the candidates with further ones, each judged on held-out logs; after an interruption
     with those that were judged until then.
     """

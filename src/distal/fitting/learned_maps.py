@@ -357,8 +357,9 @@ def _of_joint(prior: Prior, task: Task) -> tuple[dict[str, Floats], list[HeldOut
             (target * (1 - share) + share * error, variance)
             for target, (error, variance) in zip(targets, held_out)
         ]
-    # Student's distribution for as many logs
-    factor = conformal_factor(held_out) * np.sqrt(student(groups - 1))
+    # Student's distribution for as many logs: t_{0.975}/1.96
+    wider = float(stdtrit(max(groups - 1.0, 1.0), (1 + COVERED) / 2)) / BAND
+    factor = conformal_factor(held_out) * np.sqrt(wider)
     square = (factor * task.scale) ** 2
     scored = [
         HeldOut(log.time[~log.given], task.scale * error, square * variance)
@@ -385,13 +386,6 @@ def _share(held_out: Sequence[tuple[Floats, Floats]]) -> float:
     products = sum(float(np.mean(target * mapped)) for target, mapped in pairs)
     squares = sum(float(np.mean(mapped**2)) for _, mapped in pairs)
     return float(np.clip(products / max(squares, 1e-300), 0.0, 1.0))
-
-
-def student(freedom: float) -> float:
-    """Return the factor by which a 95 % band is wider if its std was estimated with `freedom`
-    degrees of freedom, at least 1: t_{0.975}/1.96.
-    """
-    return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
 
 
 OFFSETS = 2.0

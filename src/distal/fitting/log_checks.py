@@ -26,7 +26,7 @@ from distal.estimators import channels_of, samples_of_angles
 from distal.fitting.learned_maps import Seen, Task, density, moved
 from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
 from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples, yardstick_error
-from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names
+from distal.rig import REFERENCES, Rig, angle_names
 from distal.run import estimate
 from distal.sensor_models import variance
 
@@ -72,13 +72,7 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
         """Return the tasks with features that are late by an age [s]."""
         features = [how(along, time, age) for along, time in zip(seen.along, times)]
         return [
-            replace(
-                task,
-                logs=tuple(
-                    _at_samples(evidence, *of_log)
-                    for evidence, of_log in zip(task.logs, zip(features, times))
-                ),
-            )
+            replace(task, logs=tuple(map(_at_samples, task.logs, features, times)))
             for task in tasks
         ]
 
@@ -184,8 +178,9 @@ def _followed(along: Features, time: Floats, age: float) -> Features:
     from scipy.signal import lfilter
 
     pole = np.exp(-np.median(np.diff(time)) / max(age, SHORTEST))
-    state = {name: pole * along[name][:1] for name in OF_EVIDENCE}
-    return {n: lfilter([1 - pole], [1, -pole], along[n], 0, state[n])[0] for n in OF_EVIDENCE}
+    return {
+        n: lfilter([1 - pole], [1, -pole], along[n], 0, pole * along[n][:1])[0] for n in OF_EVIDENCE
+    }
 
 
 SHORTEST = 1e-6
@@ -263,6 +258,8 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     """
     joints = rig.joint_names
     with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
+    if len(with_angles) <= FEWEST_LOGS:
+        return []
     try:
         samples = {i: samples_of_angles(logs[i], rig) for i in with_angles}
     except EstimationError:
@@ -274,8 +271,6 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
             for i in of
         }
 
-    if len(with_angles) <= FEWEST_LOGS:
-        return []
     kept = list(with_angles)
     aside = list[int]()
     while len(kept) > max(FEWEST_LOGS, len(with_angles) // 2):
@@ -357,13 +352,12 @@ def _same(log: Log, other: Log) -> bool:
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
-    """Return the names of the joints whose angle is known in none of the logs.
-
-    Each log must have the angle of some joint.
-    """
+    """Return the names of the joints whose angle is known in none of the logs."""
+    known = {
+        name for log in logs for name, values in log.truth.items() if np.isfinite(values).any()
+    }
     names = rig.joint_names
-    angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
-    return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
+    return [name for name, column in zip(names, angle_names(names)) if column not in known]
 
 
 def _span(values: Floats) -> float:
@@ -371,22 +365,15 @@ def _span(values: Floats) -> float:
     return float(np.quantile(finite, 0.99) - np.quantile(finite, 0.01)) if len(finite) else 0.0
 
 
-def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
-    """Return by how much the joint turns when a drive moves by `span` [rad]."""
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
-    tendon = next(tendon for tendon in rig.tendons if tendon.drive == sensor.of)
-    lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-    return span * lever / tendon.total_arm
-
-
 def _check_motion(log: Log, rig: Rig) -> None:
     moved = []
     for sensor in rig.sensors_of("position"):
         span = _span(log.channels[sensor.name])
+        drive = rig.drive(sensor.of)
+        # of the joint
+        turn = span * drive.lever / rig.tendons_of(drive.name)[0].total_arm
         noise = np.sqrt(variance(sensor))
-        moved.append(
-            span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN
-        )
+        moved.append(span > MOTION_TO_NOISE * noise and turn > SMALLEST_TURN)
     if moved and not any(moved):
         raise FitError(
             f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° "
@@ -419,9 +406,8 @@ def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
 
 def _constant(log: Log, name: str) -> bool:
     """Return whether a log has more than 20 values of a sensor and all are the same."""
-    finite = (
-        log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
-    )
+    values = log.channels.get(name, np.zeros(0))
+    finite = values[np.isfinite(values)]
     return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
@@ -478,12 +464,12 @@ def _check_direction(subject: str, correlation: float, ratio: float) -> None:
             "the angle sensor or of the position sensors round, or swap the tendons' sides"
         )
     if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
-        near = (
-            "it looks like degrees read as radians"
-            if 20.0 < ratio < 160.0
-            else "is the unit, or a radius, wrong?"
-        )
-        near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
+        near = "is the unit, or a radius, wrong?"
+        for low, high, units in (
+            (20.0, 160.0, "degrees read as radians"),
+            (1 / 160.0, 1 / 20.0, "radians read as degrees"),
+        ):
+            near = f"it looks like {units}" if low < ratio < high else near
         raise FitError(
             f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the "
             "angle sensor's unit)"

@@ -6,9 +6,10 @@ It is the same function live, in C, in vector lanes, and over logs when weights 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
+from itertools import accumulate, pairwise
 
 import casadi as ca
 import numpy as np
@@ -529,6 +530,11 @@ class JudgedJumps:
         return is_read * is_real * count * (was["cost"] - cost), following
 
 
+def apart(vector: VectorNode, sizes: Iterable[int]) -> list[VectorNode]:
+    """Return the parts of a column that follow each other, of these sizes."""
+    return [vector[begin:end] for begin, end in pairwise(accumulate(sizes, initial=0))]
+
+
 def evidence_of_jumps(
     judges: Sequence[JudgedJumps],
     memory: VectorNode,
@@ -547,13 +553,10 @@ def evidence_of_jumps(
     """
     ratios = ca.MX.zeros(off.numel())
     after = [ca.MX(0, 1)]
-    at = number = 0
-    for judge in judges:
-        memory_of = memory[at : at + judge.memory.size]
-        parameters_of = parameters[number : number + judge.parameters]
+    memories = apart(memory, [judge.memory.size for judge in judges])
+    parameters_of_each = apart(parameters, [judge.parameters for judge in judges])
+    for judge, memory_of, parameters_of in zip(judges, memories, parameters_of_each):
         ratio, following = judge.evidence(memory_of, dt, off, real, masks, parameters_of)
-        at += judge.memory.size
-        number += judge.parameters
         after.append(following)
         for k in judge.positions:
             ratios[k] += ratio * (off[k] != real[k])
@@ -601,9 +604,6 @@ def variance_beside(
         towards = towards / frame["lengths"]
         slopes = slopes + towards[:n]
         if shape.moving:
-            into = ca.DM(n * len(HALF_WIDTHS), len(shape.moving))
-            for k, i in enumerate(shape.moving):
-                into[IN_RADIAL * n + i, k] = 1
-            turns = turns + ca.mtimes(ca.densify(into), ca.fabs(towards[n:]))
+            turns[[IN_RADIAL * n + i for i in shape.moving]] += ca.fabs(towards[n:])
     of_readings = ca.dot(slopes[: shape.channels] ** 2, unknown)
     return ca.dot(turns, out["doubt"]) ** 2 / 3 + of_readings
