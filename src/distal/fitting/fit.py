@@ -284,6 +284,19 @@ class Fit:
         ranked = sorted(judged.candidates, key=lambda way: (way is not chosen, way.error))
         added = {} if chosen.part is None else chosen.part.values
         logs = judged.logs
+        doubts = list(parameters.doubts)
+        if training.unknown:
+            doubts.append(
+                f"the angle of {', '.join(training.unknown)} is known in no log: parameters of the "
+                "rig are fitted, but no map, which is of all joints"
+            )
+        doubts += chosen.refused
+        if chosen.parameters is None:
+            fitted = min(way.error for way in ranked if way.parameters is not None)
+            doubts.append(
+                f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the "
+                f"fitted one ({np.rad2deg(fitted):.2f}°): its parameters are kept"
+            )
         return cls(
             rig=chosen.rig.bare().with_map(**{kind: of.maps for kind, of in by_kind.items()}),
             start=training.rig,
@@ -296,12 +309,7 @@ class Fit:
             interrupted=judged.interrupted,
             maps=by_kind,
             compared=comparisons(training, ranked, by_kind) if ranked else (),
-            doubts=(
-                *parameters.doubts,
-                *_unknown(training.unknown),
-                *chosen.refused,
-                *_as_given(chosen, ranked),
-            ),
+            doubts=tuple(doubts),
             hold=chosen.hold,
             added=added,
             candidates=tuple(replace(candidate, data={}) for candidate in ranked),
@@ -492,26 +500,6 @@ class Fit:
         return "\n".join(lines) + "\n\n"
 
 
-def _unknown(joints: Sequence[str]) -> list[str]:
-    if not joints:
-        return []
-    return [
-        f"the angle of {', '.join(joints)} is known in no log: parameters of the rig are fitted, "
-        "but no map, which is of all joints"
-    ]
-
-
-def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
-    """Return a sentence where the rig as given errs least on held-out logs."""
-    fitted = [candidate.error for candidate in candidates if candidate.parameters is not None]
-    if not fitted or chosen.parameters is not None:
-        return []
-    return [
-        f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the fitted "
-        f"one ({np.rad2deg(min(fitted)):.2f}°): its parameters are kept"
-    ]
-
-
 PROMISED = 2.0
 """Ratio of a rig's error, or of its band, on a log that it was learned from to that on logs left
 out, and of a filter's error to that of a straight line of the readings, above which it is not
@@ -615,11 +603,21 @@ def fit(
     learned = _followed(judged, read)
     if open_loop and not learned.interrupted:
         learned = _in_open_loop(learned, judged.training, progress)
-    doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
+    doubts = said_of_lag(found_lag)
+    if aside:
+        names = ", ".join(shown(log.source) for log in aside)
+        doubts.append(
+            f"in {names} something touches a joint, or holds it: the same positions of the drives "
+            "go with other angles than in the other logs. What is learned of the rig is of free "
+            "motion, so they are left out; a log of another kind of motion is fitted where there "
+            "are several"
+        )
     parameters = learned.parameters
     for line in () if drafted else far_from_priors(parameters.fitted, parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return replace(learned, start=rig, added={**measured, **learned.added}, doubts=doubts)
+    return replace(
+        learned, start=rig, added={**measured, **learned.added}, doubts=(*doubts, *learned.doubts)
+    )
 
 
 def _judged_at(
@@ -740,18 +738,6 @@ def _lag(logs: Sequence[Log], rig: Rig, groups: str | None) -> float:
         return reference_lag(with_reference, rig, folds_of(of_logs))
     except EstimationError:
         return 0.0
-
-
-def _touched(aside: Sequence[Log]) -> list[str]:
-    """Return a sentence that names the logs in which something touches a joint."""
-    if not aside:
-        return []
-    names = ", ".join(shown(log.source) for log in aside)
-    return [
-        f"in {names} something touches a joint, or holds it: the same positions of the drives go "
-        "with other angles than in the other logs. What is learned of the rig is of free motion, "
-        "so they are left out; a log of another kind of motion is fitted where there are several"
-    ]
 
 
 def _with_free_motion(learned: Fit, judged: Judged) -> Fit:

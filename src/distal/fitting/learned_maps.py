@@ -451,13 +451,13 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     """
     doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
     limits = OFFSETS * np.array([doubts.get(joint.name, 0.0) for joint in rig.joints])
-    targets = [samples.targets for samples in data if np.isfinite(samples.targets).any()]
-    if not targets:
+    means = []
+    for samples in data:
+        counts = np.isfinite(samples.targets).sum(axis=0)
+        if counts.any():
+            means.append(np.nan_to_num(samples.targets).sum(axis=0) / np.maximum(counts, 1))
+    if not means:
         return list(data)
-    means = [
-        np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T])
-        for t in targets
-    ]
     common = np.mean(means, axis=0)
     common = np.where(np.abs(common) <= limits, common, 0.0)
     return [replace(samples, targets=samples.targets - common) for samples in data]
@@ -489,8 +489,8 @@ def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samp
 def mean_rms(data: Mapping[int, Samples], homing: float | None) -> float:
     """Return the mean over logs of the RMS error of the filter's angles after homing [rad]."""
     late = [samples.targets[samples.time >= (homing or 0.0)] for samples in data.values()]
-    log_errors = [targets[np.isfinite(targets)] for targets in late]
-    return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in log_errors if len(errors)]))
+    squares = [np.nanmean(errors**2) for errors in late if np.isfinite(errors).any()]
+    return float(np.mean(np.sqrt(squares)))
 
 
 def reference_std(rig: Rig, logs: Sequence[Log]) -> float:

@@ -293,7 +293,6 @@ def empty_frame(shape: Shape) -> dict[str, Floats]:
     return frame
 
 
-@lru_cache(maxsize=32)
 def map_layout(shape: Shape, joints: int) -> Layout:
     """Return the layout of a map's numbers: features, then weights."""
     n = shape.features.size

@@ -28,7 +28,6 @@ from distal.regression.features import (
 from distal.rig import LearnedMap
 
 
-@lru_cache(maxsize=32)
 def homed_layout(shape: Shape, joints: int) -> Layout:
     """Return the layout of the memory: that of the map; for each joint the time since its angle was
     known, and 1 once it was; the weights and, behind them, the constant error of known angles.
