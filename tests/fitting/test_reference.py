@@ -76,7 +76,7 @@ def lacking(*lacks: float) -> Samples:
     """Return samples whose angles lack so much, one for each joint [rad]; NaN: no truth."""
     targets = np.tile(lacks, (10, 1))
     nothing = np.zeros(targets.shape)
-    return Samples("log", np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing)
+    return Samples(np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing)
 
 
 def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> None:

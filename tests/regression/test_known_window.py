@@ -39,7 +39,7 @@ def window(bend: float) -> Samples:
     place = np.linspace(-1.0, 1.0, 300)
     target = place + bend * np.maximum(place, 0.0)
     none = np.zeros((300, 0))
-    return Samples("log", time, place[:, None], none, target[:, None], np.zeros((300, 1)))
+    return Samples(time, place[:, None], none, target[:, None], np.zeros((300, 1)))
 
 
 def test_a_band_is_widened_until_it_holds_each_half_given_the_other() -> None:

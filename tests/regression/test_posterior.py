@@ -139,7 +139,7 @@ def moved(seed: int, samples: int = 1500, spread: float = 1.0, zero: float = 0.0
     readings = np.column_stack([place + 1e-4 * rng.normal(size=samples), force])
     nothing = np.zeros((samples, 0))
     targets = (angle + 1e-3 * rng.normal(size=samples))[:, None]
-    return Samples(f"log {seed}", time, readings, nothing, targets, np.zeros((samples, 1)))
+    return Samples(time, readings, nothing, targets, np.zeros((samples, 1)))
 
 
 DESCRIBED = {"joints": ("a",), "channels": ("x", "f"), "positions": ("x",)}

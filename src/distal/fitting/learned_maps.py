@@ -27,7 +27,7 @@ from distal.estimators import (
     parts_of,
     samples_of_angles,
 )
-from distal.homing import check_homing, plain_samples, samples_of_readings
+from distal.homing import check_homing, plain_samples
 from distal.kernels import Compiled
 from distal.logs import Log, TruthKind, shown, true_angles
 from distal.regression import (
@@ -689,7 +689,7 @@ def _of_efforts(log: Log, forces: Sequence[str], positions: Sequence[str]) -> Sa
         np.column_stack([log.channels[name] for name in names]) for names in (positions, forces)
     )
     targets[~np.isfinite(targets).all(axis=1)] = np.nan  # their errors are asked together
-    return samples_of_readings(log, readings, targets)
+    return Samples.of_readings(log, readings, targets)
 
 
 def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[float, ...]:

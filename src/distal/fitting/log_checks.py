@@ -25,7 +25,7 @@ from distal.errors import EstimationError, FitError
 from distal.estimators import channels_of, samples_of_angles
 from distal.fitting.learned_maps import Seen, Task, density, moved
 from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
-from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples, yardstick_error
+from distal.regression import FEWEST_LOGS, Evidence, Prior, yardstick_error
 from distal.rig import REFERENCES, Rig, angle_names
 from distal.run import estimate
 from distal.sensor_models import variance
@@ -57,13 +57,12 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
     if len(set(folds)) < FEWEST_LOGS:
         return 0.0
     samples = [samples_of_angles(log, rig) for log in logs]
-    targets = np.vstack([log.targets for log in samples])
-    joints = [j for j, column in enumerate(targets.T) if np.isfinite(column).any()]
+    known = np.isfinite(np.vstack([log.targets for log in samples])).any(axis=0)
     channels = channels_of(rig, "regression")
     of = {"channels": channels.proximal, "positions": channels.positions}
     names = {key: tuple(sensor.name for sensor in sensors) for key, sensors in of.items()}
     seen = Seen.of(samples, names)
-    tasks = [seen.task(samples, joint, folds) for joint in joints]
+    tasks = [seen.task(samples, joint, folds) for joint in np.flatnonzero(known).tolist()]
     times = [log.time for log in samples]
     # samples whose errors are one correlation time apart count as independent
     each = float(np.mean([np.ptp(time) for time in times]) / np.exp(Prior().error_time))
@@ -78,7 +77,8 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
 
     as_reference, lag = _likeliest(partial(late, _delayed), each)
     as_joint, _ = _likeliest(partial(late, _followed), each)
-    if any(_is_slower(log) for log in samples):  # a camera, which is never on time
+    # a reference that is read with the drives is hardly late; a camera is never on time
+    if any(np.mean(np.isfinite(log.targets).any(axis=1)) < SLOWER for log in samples):
         prior = _log_density(max(lag - LARGEST_USUAL, 0.0)) - np.log(LARGEST_USUAL)
         on_time = np.inf
     else:
@@ -149,14 +149,6 @@ ROUNDS = 2
 """Number of times that age and hyperparameters are found in turn [1]. Source: benchmark (python -m
 benchmarks.late).
 """
-
-
-def _is_slower(samples: Samples) -> bool:
-    """Return whether a reference has fewer samples than a log has rows, as a camera's; one that is
-    read with the drives is hardly late.
-    """
-    known = np.isfinite(samples.targets).any(axis=1)
-    return bool(np.mean(known) < SLOWER)
 
 
 SLOWER = 0.8
@@ -360,15 +352,11 @@ def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
     return [name for name, column in zip(names, angle_names(names)) if column not in known]
 
 
-def _span(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.quantile(finite, 0.99) - np.quantile(finite, 0.01)) if len(finite) else 0.0
-
-
 def _check_motion(log: Log, rig: Rig) -> None:
     moved = []
     for sensor in rig.sensors_of("position"):
-        span = _span(log.channels[sensor.name])
+        low, high = np.nanquantile(log.channels[sensor.name], (0.01, 0.99))
+        span = high - low
         drive = rig.drive(sensor.of)
         # of the joint
         turn = span * drive.lever / rig.tendons_of(drive.name)[0].total_arm

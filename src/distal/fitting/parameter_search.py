@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from distal.fitting.parameters_and_priors import (
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency
-from distal.rig import Rig, Sensor, part_at
+from distal.rig import Rig, part_at
 
 OnStep = Callable[[int, float], None]
 """A function that is called with the iteration and −ln p after each step."""
@@ -559,7 +558,7 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     if known is None:
         of_reference = f"sensors.{len(with_reference.sensors) - 1}."
         free = tuple(part for part in free if not part.paths[0].startswith(of_reference))
-    fit_filter = _filter(with_reference, references, free, options.compiled)
+    fit_filter = FitFilter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
     problem = Problem(fit_filter, free, data, homing=options.homing, workers=options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
@@ -567,14 +566,6 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     ):
         raise FitError(DIVERGED.format(rig.name))
     return problem
-
-
-@lru_cache(maxsize=2)
-def _filter(
-    rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], compiled: bool
-) -> FitFilter:
-    """Return the filter of a fit; the folds of a fit share it, so that it is compiled once."""
-    return FitFilter(rig, references, free, compiled)
 
 
 def fitted_parameters(

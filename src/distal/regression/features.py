@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, reduce
+from functools import cache, cached_property, reduce
 from itertools import accumulate, pairwise
 
 import casadi as ca
@@ -124,7 +124,7 @@ class Shape:
         )
 
 
-@lru_cache(maxsize=32)
+@cache
 def features_function(shape: Shape) -> ca.Function:
     """Return the function (memory, dt, readings, mask, frame) → (outputs, memory⁺).
 
@@ -229,7 +229,7 @@ def _remembered(shape: Shape) -> ca.Function:
     return ca.Function("remembered", [*sample, *frame], outputs)
 
 
-@lru_cache(maxsize=32)
+@cache
 def first_function(shape: Shape) -> ca.Function:
     """Return the function (readings, mask, centre, scale, play) → a map's memory before the first
     sample: the readings of that sample, their centre for those that are missing. A play may be
@@ -254,7 +254,7 @@ def first_function(shape: Shape) -> ca.Function:
     return ca.Function("first", inputs, [memory])
 
 
-@lru_cache(maxsize=32)
+@cache
 def features_kernel(shape: Shape) -> Kernel:
     """Return the kernel (memory, (dt, readings, mask), frame) → (memory⁺, outputs) of a map's
     features over a log.
@@ -326,7 +326,7 @@ def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Exp
     return memory
 
 
-@lru_cache(maxsize=32)
+@cache
 def map_function(shape: Shape, joints: int, beside_filter: bool = False) -> ca.Function:
     """Return the function of a map: (memory, dt, readings, mask, parameters, doubts, elsewhere,
     chance) → (values, gains, variances, memory⁺).
@@ -395,7 +395,7 @@ def forces_parameters(learned: LearnedMap) -> Floats:
     return np.concatenate([Shape.of(learned).flat(arrays.by_name), *parts])
 
 
-@lru_cache(maxsize=32)
+@cache
 def forces_function(shape: Shape, forces: int) -> ca.Function:
     """Return the function (memory, dt, positions, mask, forces, parameters) → (T², spread,
     memory⁺): how unlike free motion the forces are at these positions, T² = eᵀ Σ⁻¹ e/n, and

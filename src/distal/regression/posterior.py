@@ -20,6 +20,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND, COVERED
 from distal.kernels import Feed, Kernel, advance
+from distal.logs import Log
 from distal.regression.features import Shape, empty_frame, features_along
 from distal.rig import LearnedMap, MapArrays
 
@@ -42,7 +43,6 @@ class Samples(_OfLog):
     """A log as the input of a map.
 
     Args:
-        source: name of the log.
         time: time since the first sample [s], (k,).
         readings: readings of the channels, NaN where one is missing [SI], (k, m).
         angles: the filter's angles of the joints [rad], which a map may read, (k, n_joints), or
@@ -53,12 +53,19 @@ class Samples(_OfLog):
             n_joints).
     """
 
-    source: str
     time: Floats
     readings: Floats
     angles: Floats
     targets: Floats
     variances: Floats
+
+    @classmethod
+    def of_readings(cls, log: Log, readings: Floats, targets: Floats) -> Samples:
+        """Return the samples of a log for a map on readings alone, (k, m), with the targets that it
+        is to give, NaN where they are not known, (k, n_joints).
+        """
+        since = log.time - log.time[0]
+        return cls(since, readings, np.zeros((len(log), 0)), targets, np.zeros(targets.shape))
 
     @property
     def every(self) -> Floats:
@@ -530,15 +537,14 @@ def from_window(
         halves = [weights.errors(replace(evidence, given=half)) for half in (early, ~early)]
         factors.append(conformal_factor(halves) ** 2)
         after.append(weights.given(evidence, offset))
-    scaled = {
-        name: np.stack([f * array for f, array in zip(factors, arrays)])
-        for name, arrays in (
-            ("covariance", [weights.covariance for weights in after]),
-            ("radial", before.arrays["radial"]),
-            ("noise", before.arrays["noise"]),
-        )
-    }
-    return with_arrays(before, mean=np.stack([weights.mean for weights in after]), **scaled)
+    widened = [factor * of_joint.covariance for factor, of_joint in zip(factors, after)]
+    return with_arrays(
+        before,
+        mean=np.stack([of_joint.mean for of_joint in after]),
+        covariance=np.stack(widened),
+        radial=np.array(factors) * before.arrays["radial"],
+        noise=np.array(factors) * before.arrays["noise"],
+    )
 
 
 def conformal_factor(held_out: Sequence[tuple[Floats, Floats]]) -> float:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import cache, reduce
 from typing import NamedTuple
 
 import casadi as ca
@@ -37,7 +37,6 @@ def homed_layout(shape: Shape, joints: int) -> Layout:
     return Layout(map=shape.memory.size, since=joints, told=joints, mean=(n, joints), **weights)
 
 
-@lru_cache(maxsize=32)
 def homed_memory(shape: Shape, joints: int) -> ca.Function:
     """Return the function (memory of the map, its parameters, std of the constant error) → memory
     before the first sample.
@@ -59,7 +58,7 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
     return ca.Function("homed", inputs, [memory])
 
 
-@lru_cache(maxsize=32)
+@cache
 def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Function:
     """Return the function (memory, dt, readings, mask, parameters, doubts, elsewhere, chance,
     targets, given, beside) → (values, gains, variances, memory⁺): that of `map_function` with the
