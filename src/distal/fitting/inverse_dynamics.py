@@ -143,10 +143,9 @@ class Equations:
             context.corrected(s, read[k]) - pulls[nj + i] - friction[nj + i]
             for k, (i, s) in enumerate(self.forces)
         ]
-        first = len(self.forces)
         rows += [
-            context.corrected(s, read[first + k]) - tensions[i]
-            for k, (i, s) in enumerate(self.tensions)
+            context.corrected(s, read[k]) - tensions[i]
+            for k, (i, s) in enumerate(self.tensions, len(self.forces))
         ]
         rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
         lacking = ca.vertcat(*rows)
@@ -154,9 +153,7 @@ class Equations:
         noise = ca.vertcat(*variances, *(LEAST_VARIANCE for _ in mechanism.free))
         noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
         residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
-        outputs = [
-            ca.cse(ca.densify(output)) for output in (ca.vertcat(direction, inside), residuals)
-        ]
+        outputs = [ca.cse(ca.densify(part)) for part in (ca.vertcat(direction, inside), residuals)]
         return ca.Function(
             "equations", [kernel_state, x, p], outputs, ["kernel_state", "x", "p"], ["next", "y"]
         )
@@ -190,17 +187,15 @@ class Equations:
         friction, friction limits up and down).
         """
         mechanism = self.mechanism
-        nb = self.mechanism.n_bodies
-        nj = self.mechanism.n_joints
+        nb = mechanism.n_bodies
+        nj = mechanism.n_joints
         q, v, a = (ca.SX.sym(name, nb) for name in "qva")
         tendons = mechanism.pulls(q, v, settled=True)
-        passive = mechanism.passive_forces(q)
-        pulls = mechanism.dampings() * v - tendons.forces - passive
+        pulls = mechanism.dampings() * v - tendons.forces - mechanism.passive_forces(q)
         balance = ca.vertcat(mechanism.moving_forces(q, v, a[:nj]) + pulls[:nj], pulls[nj:])
         limits = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
-        up, down = (
-            ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down")
-        )
+        up = ca.vertcat(*(limit.up for limit in limits))
+        down = ca.vertcat(*(limit.down for limit in limits))
         p = mechanism.parameters.symbols
         return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, balance, up, down])
 
