@@ -241,7 +241,9 @@ class Free:
     def fitted(
         self, value: float, error: float = float("nan"), per_log: tuple[float, ...] = ()
     ) -> FittedParameter:
-        """Return the parameter after a fit, with the value of the first and its standard error."""
+        """Return the parameter after a fit, with the value of the first and its standard error, or
+        with the mean of those of each log, `per_log`.
+        """
         prior = self.name, self.paths, self.si, self.start, self.std
         return FittedParameter(*prior, value, error, self.noise, self.values(value), per_log)
 

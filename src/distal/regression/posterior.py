@@ -505,7 +505,7 @@ def map_from(
 
 
 def with_arrays(learned: LearnedMap, **changed: Floats) -> LearnedMap:
-    """Return a map with some of its arrays replaced, by name."""
+    """Return a map with some of its arrays `changed`, by name."""
     arrays = MapArrays(**{**learned.arrays.by_name, **changed})
     return learned.model_copy(update={"arrays": arrays})
 
