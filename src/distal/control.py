@@ -678,7 +678,7 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None) -> 
             error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
             half = BAND * np.rad2deg(estimated.stds[:, j])
             label = f"error of {estimated.feedback} and its {COVERED_TEXT} band"
-            deviations.plot(time, error, color=SOFT, lw=0.8, label=label)
+            deviations.plot(time, error, color=SOFT, lw=1, label=label)
             deviations.fill_between(time, error - half, error + half, color=band_colour(SOFT), lw=0)
             legend_above(deviations)
         limit = MOST_LIMIT * min(worst)

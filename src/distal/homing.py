@@ -262,7 +262,7 @@ def home(estimator: AdaptiveFilter, run: Run, truths: Floats, homing: float) -> 
     else:
         return replace(run, samples=unaided, start=start)
     names = estimator.channels[: len(estimator.positions)]
-    of_readings = samples_of_readings(log, samples[:, : len(names)], truths)
+    of_readings = Samples.of_readings(log, samples[:, : len(names)], truths)
     changed = dict[str, object]()
     for kind, maps, of in (
         ("filter", estimator.maps.filter, plain),
@@ -287,7 +287,7 @@ def with_prior_maps(rig: Rig) -> Rig:
     for part in parts_of(rig, channels_of(rig, "regression")):
         none = np.zeros((2, len(part["joints"])))
         rest = np.zeros((2, len(part["channels"])))
-        maps.append(from_prior(Samples("", np.arange(2.0), rest, none, none, none), part, {}))
+        maps.append(from_prior(Samples(np.arange(2.0), rest, none, none, none), part, {}))
     return rig.with_map(filter=maps)
 
 
@@ -365,17 +365,4 @@ def plain_samples(
         for column, at in zip(samples.T, estimator.positions)
     ]
     since = log.time - log.time[0]
-    return Samples(log.source, since, np.column_stack(readings), angles, truths - angles, variances)
-
-
-def samples_of_readings(log: Log, readings: Floats, targets: Floats) -> Samples:
-    """Return the samples of a map on readings alone over a log.
-
-    Args:
-        log: with its stamps.
-        readings: of the sensors, NaN where missing, (k, m).
-        targets: true angles, NaN where not known, (k, n_joints).
-    """
-    none = np.zeros((len(log), 0))
-    since = log.time - log.time[0]
-    return Samples(log.source, since, readings, none, targets, np.zeros(targets.shape))
+    return Samples(since, np.column_stack(readings), angles, truths - angles, variances)

@@ -143,7 +143,7 @@ def test_a_hand_has_a_map_for_each_finger() -> None:
     assert list((one != moved)[:4]) == [False, False, False, True]
     # and learn from these alone
     readings, angles = np.arange(len(made.channels))[None], np.arange(4)[None]
-    every = Samples("", np.zeros(1), readings, angles, angles, angles)
+    every = Samples(np.zeros(1), readings, angles, angles, angles)
     own = of_part(every, rig, made.channels, joints[1], parts[1]["channels"])
     assert [made.channels[k] for k in own.readings[0]] == list(parts[1]["channels"])
     assert own.angles == own.targets == own.variances == 3

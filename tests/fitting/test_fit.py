@@ -15,7 +15,7 @@ import pytest
 from distal import Fit, Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
 from distal.fitting import groups_of
-from distal.fitting.parameters_and_priors import choose
+from distal.fitting.parameters_and_priors import Options, choose
 from tests.helpers import changed
 from tests.support.plant_and_rig import FREE, drawn_plant, logs_of, start_rig, without_truth
 
@@ -152,7 +152,7 @@ def test_forces_in_a_wrong_unit_are_doubted(rig: Rig, log: Log) -> None:
 
 def test_a_noise_may_be_asked_for(rig: Rig) -> None:
     asked = ("sensors.u1.noise", "joints.0.friction.coefficient")
-    free = choose(rig, (), asked, (), noise=True, homing=False)
+    free = choose(rig, (), Options(free=asked))
     (part,) = (part for part in free if "sensors.1.noise" in part.paths)
     assert part.noise
 
@@ -247,8 +247,7 @@ def test_an_effort_that_moves_a_play_keeps_its_noise() -> None:
     reference = plain.sensors[-1]
     torque = next(sensor.name for sensor in plain.sensors if sensor.measures == "force")
     names = [
-        {part.name for part in choose(rig, (reference,), (), (), noise=True, homing=False)}
-        for rig in (plain, playing)
+        {part.name for part in choose(rig, (reference,), Options())} for rig in (plain, playing)
     ]
     assert f"noise of sensor {torque}" in names[0] - names[1]
     assert "hysteresis constant of drive motor" in names[1]

@@ -23,8 +23,8 @@ def test_a_fits_rows_are_a_logs_samples_with_their_intervals() -> None:
     assert data.rows[0, 0] == 0.0
     assert (data.rows[1:, 0] > 0.0).all()
     np.testing.assert_allclose(np.cumsum(data.rows[:, 0])[data.last], time - time[0], atol=1e-12)
-    width = len(fit.estimator.channels)
-    at = fit.estimator.channels.index("motor_torque")
+    width = len(fit.channels)
+    at = fit.channels.index("motor_torque")
     np.testing.assert_allclose(data.rows[data.last, 1 + at], np.cos(time))
     assert (data.rows[data.last, 1 + width + at] == 1.0).all()
     np.testing.assert_allclose(data.rows[data.last, width], 0.6 * angle)

@@ -20,13 +20,13 @@ from distal.fitting.candidates import (
     Compared,
     Judged,
     MissingTerm,
-    Score,
     Training,
     filter_candidate,
     readings_map,
     with_parts,
 )
 from distal.fitting.fit import Fit, _without_guesses, plain_value
+from distal.fitting.learned_maps import Score
 from distal.fitting.parameter_search import parameters_of, problem_of
 from distal.fitting.parameters_and_priors import Options
 from distal.rig import build_rig, number, parse_toml

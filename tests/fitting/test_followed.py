@@ -13,8 +13,8 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DivergedError
-from distal.fitting.candidates import WRITTEN, Candidate, Compared, Score, Training
-from distal.fitting.learned_maps import untouched
+from distal.fitting.candidates import WRITTEN, Candidate, Compared, Training
+from distal.fitting.learned_maps import Score, untouched
 from distal.fitting.parameters_and_priors import Options
 from distal.rig.validation import angle_names
 

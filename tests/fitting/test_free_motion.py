@@ -12,7 +12,7 @@ from distal import LiveEstimator, Log, Rig, diagnose, estimate, log_health
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
 from distal.fitting.learned_maps import efforts_of
-from distal.fitting.log_checks import touched_logs
+from distal.fitting.usable_logs import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.layout import READ
 from distal.regression import ReportedMap, map_parameters, reporting_function

@@ -40,7 +40,7 @@ def logs() -> list[Log]:
 
 def test_forces_are_not_read_and_the_reference_alone_counts(logs: list[Log]) -> None:
     asked = problem(logs[0], hand_rig())
-    channels = asked.filter.estimator.channels
+    channels = asked.filter.channels
     masks = dict(zip(channels, asked._rows[0][:, 1 + len(channels) :].T))
     references = {sensor.name for sensor in asked.filter.references}
     positions = {sensor.name for sensor in hand_rig().sensors_of("position")}

@@ -41,9 +41,7 @@ def test_shares_go_by_variances_and_the_band_by_the_pool(line: MapFit) -> None:
     learned = drawn_map((joint,), line.maps[0].channels)
     errors = {joint: [held_out(0.1, 0.01, 1), held_out(0.2, 0.01, 1)]}
     beside = MapFit("filter", (learned,), line.start, errors)
-    of_log = Samples(
-        "", TIME, np.zeros((4, 2)), np.zeros((4, 1)), np.zeros((4, 1)), np.ones((4, 1))
-    )
+    of_log = Samples(TIME, np.zeros((4, 2)), np.zeros((4, 1)), np.zeros((4, 1)), np.ones((4, 1)))
     target = np.full((4, 1), np.sqrt(0.3))
     target[0] = np.nan  # the filter's first seconds do not count
     data = {i: replace(of_log, targets=target) for i in range(2)}

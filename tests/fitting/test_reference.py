@@ -51,10 +51,10 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
 
 def test_what_the_reference_errs_by(rig: Rig) -> None:
     noise = np.deg2rad(np.hypot(0.1, 0.09 / np.sqrt(12.0)))
-    assert reference_std(rig, log(FROM_SENSOR)) == pytest.approx(noise, rel=1e-6)
-    assert reference_std(rig, log("the simulation")) == 0.0
-    assert reference_offset(rig, log(FROM_SENSOR)) == pytest.approx(np.deg2rad(0.35))
-    assert reference_offset(rig, log("the simulation")) == 0.0
+    assert reference_std(rig, [log(FROM_SENSOR)]) == pytest.approx(noise, rel=1e-6)
+    assert reference_std(rig, [log("the simulation")]) == 0.0
+    assert reference_offset(rig, [log(FROM_SENSOR)]) == pytest.approx(np.deg2rad(0.35))
+    assert reference_offset(rig, [log("the simulation")]) == 0.0
 
 
 @pytest.mark.parametrize("hold", [False, True])
@@ -76,7 +76,7 @@ def lacking(*lacks: float) -> Samples:
     """Return samples whose angles lack so much, one for each joint [rad]; NaN: no truth."""
     targets = np.tile(lacks, (10, 1))
     nothing = np.zeros(targets.shape)
-    return Samples("log", np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing)
+    return Samples(np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing)
 
 
 def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> None:
@@ -109,7 +109,7 @@ def test_the_zero_of_a_reference_that_is_held_is_the_joints(rig: Rig) -> None:
     read = log(TruthSource(TruthKind.SENSOR, "column 'x'"))
     (wider,) = with_its_reference_error(MapFit("filter", (learned,), held), [read]).maps
     np.testing.assert_allclose(wider.arrays["noise"], learned.arrays["noise"] + offset**2)
-    assert reference_offset(held, read) == pytest.approx(offset)
+    assert reference_offset(held, [read]) == pytest.approx(offset)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from distal import Log, Rig
-from distal.fitting.log_checks import reference_lag, said_of_lag, without_lag
+from distal.fitting.usable_logs import reference_lag, said_of_lag, without_lag
 from tests.support.foreign_plants import finger_log, finger_rig
 
 

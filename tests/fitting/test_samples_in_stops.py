@@ -41,7 +41,7 @@ def test_forces_in_a_stop_are_not_compared() -> None:
     stopped = in_stops(log.time, theta[:, None], rig)[:, 0]
     assert 0.05 < stopped.mean() < 0.95
     problem = problem_of([log], rig, Options(compiled=False, workers=1))
-    channels = problem.filter.estimator.channels
+    channels = problem.filter.channels
     for force in rig.sensors_of("force"):
         read = problem.data[0].samples[:, channels.index(force.name)]
         np.testing.assert_array_equal(np.isfinite(read[1:]), ~stopped[1:])
@@ -53,7 +53,7 @@ def test_a_joint_in_its_stop_does_not_silence_its_neighbours() -> None:
     """
     rig, log = finger_with_a_stopped_joint()
     problem = problem_of([log], rig, Options(compiled=False, workers=1))
-    later, estimator = problem.data[0].samples[1:], problem.filter.estimator
+    later, estimator = problem.data[0].samples[1:], problem.filter
     read = {name: later[:, k] for k, name in enumerate(estimator.channels)}
     force = next(sensor.name for sensor in rig.sensors_of("force"))
     assert np.isfinite(read[force]).all()

@@ -13,12 +13,11 @@ from distal.estimators import samples_of_angles
 from distal.fitting.candidates import (
     REGRESSION,
     WRITTEN,
-    Score,
     Training,
     comparisons,
     readings_map,
 )
-from distal.fitting.learned_maps import SETTLING, HeldOut
+from distal.fitting.learned_maps import SETTLING, HeldOut, Score
 from distal.fitting.parameters_and_priors import Options
 from distal.regression import yardstick_error
 from tests.support.foreign_plants import finger_log, finger_rig

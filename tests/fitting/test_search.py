@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.likelihood import Derivatives, SearchSettings
+from distal.fitting import parameter_search
+from distal.fitting.likelihood import Derivatives
 from distal.fitting.parameter_search import (
     covariance_at,
     first_widths,
@@ -23,6 +24,13 @@ from distal.fitting.parameters_and_priors import Free
 from tests.helpers import finite_difference
 
 Floats = NDArray[np.float64]
+
+
+@pytest.fixture(autouse=True)
+def without_kinks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches go on to the answer, since these functions have no kinks."""
+    monkeypatch.setattr(parameter_search, "ENOUGH", 1e-3)
+    monkeypatch.setattr(parameter_search, "ITERATIONS", 60)
 
 
 class Curve:
@@ -39,8 +47,6 @@ class Curve:
     ) -> None:
         self._residuals, self.size, self.calls = residuals, size, 0
         self.asked = list[Floats]()
-        # functions without kinks: searches go on to the answer
-        self.settings = SearchSettings(enough=1e-3, iterations=60)
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
         self.parts = tuple((free, None) for _ in range(size))
         self.prior_stds = np.full(size, std)
@@ -160,12 +166,13 @@ def test_slopes_are_taken_over_a_share_of_the_value() -> None:
     assert replace(log, logarithmic=True).unit(1.0) == 1.0
 
 
-def test_a_filters_search_ends_where_its_kinks_begin() -> None:
+def test_a_filters_search_ends_where_its_kinks_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of −ln p that only falls, e^{−2z}: with a filter a gain of 0.3 is not followed, with
     equations one of 1e-3 is.
     """
     curves = [Curve(lambda z: 3.0 * np.exp(-z), 1, std=1e9) for _ in range(2)]
-    curves[0].settings = SearchSettings()
-    ends = [search(curve, np.array([-3.0])) for curve in curves]  # type: ignore[arg-type]
+    ends = [search(curve, np.array([-3.0])) for curve in curves[1:]]  # type: ignore[arg-type]
+    monkeypatch.setattr(parameter_search, "ENOUGH", 0.3)
+    ends.insert(0, search(curves[0], np.array([-3.0])))  # type: ignore[arg-type]
     assert ends[0].converged
     assert curves[1].calls > curves[0].calls

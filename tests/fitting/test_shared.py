@@ -6,7 +6,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import FitError
-from distal.fitting.parameters_and_priors import FittedParameter, assignments, choose
+from distal.fitting.parameters_and_priors import FittedParameter, Options, assignments, choose
 
 SPOOL = {"name": "spool", "std": 0.1}
 PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")
@@ -23,7 +23,7 @@ def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> Fi
 
 
 def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:
-    free = choose(rig, rig.sensors_of("angle"), (), (), noise=False, homing=False)
+    free = choose(rig, rig.sensors_of("angle"), Options(noise=False))
     return {part.name: (part.paths, part.std) for part in free if "stiffness" in part.name}
 
 
@@ -55,16 +55,18 @@ def test_what_is_asked_for_is_named_by_parts(
 ) -> None:
     rig = load_rig("pulley-antagonist")
     for asked, per_log in (((desired,), ()), (("joints.link.friction.coefficient",), (desired,))):
-        free = choose(rig, rig.sensors_of("angle"), asked, per_log, noise=False, homing=False)
+        free = choose(
+            rig, rig.sensors_of("angle"), Options(free=asked, per_log=per_log, noise=False)
+        )
         assert [part.paths for part in free if part.name == name] == [paths]
     with pytest.raises(
         FitError, match=r"--free 'tendons\.middle\.stiffness': there is no 'middle'"
     ):
-        choose(rig, (), ("tendons.middle.stiffness",), (), noise=False, homing=False)
+        choose(rig, (), Options(free=("tendons.middle.stiffness",), noise=False))
     with pytest.raises(FitError, match="--per-log 'tendons"):
-        choose(rig, (), (), ("tendons.middle.stiffness",), noise=False, homing=False)
+        choose(rig, (), Options(per_log=("tendons.middle.stiffness",), noise=False))
     with pytest.raises(FitError, match=f"is asked for twice, by '{name}' and '{name}'"):
-        choose(rig, (), (desired,), (desired,), noise=False, homing=False)
+        choose(rig, (), Options(free=(desired,), per_log=(desired,), noise=False))
 
 
 def test_equal_stds_alone_share_nothing() -> None:

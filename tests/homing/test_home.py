@@ -13,7 +13,8 @@ import pytest
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
-from distal.homing import Run, home, samples_of_readings, with_prior_maps, with_references
+from distal.homing import Run, home, with_prior_maps, with_references
+from distal.regression import Samples
 from distal.run import samples_of
 from distal.simulation import build_scenario
 from tests.helpers import rms_degrees
@@ -58,7 +59,7 @@ def test_what_a_contacts_map_sees_begins_at_zero(rig: Rig) -> None:
     time = 5.0 + np.arange(0.0, 1.0, 0.1)
     angle = np.where(np.arange(10) == 4, np.nan, 0.1 * np.arange(10))
     log = Log(time, {"motor_angle": angle, "motor_torque": np.ones(10)})
-    seen = samples_of_readings(log, angle[:, None], np.zeros((10, 1)))
+    seen = Samples.of_readings(log, angle[:, None], np.zeros((10, 1)))
     np.testing.assert_allclose(seen.time, time - 5.0, atol=1e-12)
     np.testing.assert_allclose(np.diff(seen.held[3:6, 0]), [0.0, 0.2], atol=1e-12)
 

@@ -12,7 +12,7 @@ import pytest
 
 from distal.kernels import Kernel
 from distal.model import slipping, solver
-from distal.model.chain import EVENTS, SWEEPS, _swept
+from distal.model.friction import EVENTS, SWEEPS, _swept
 
 
 def velocities(matrix: ca.SX, load: ca.SX, up: ca.SX, down: ca.SX) -> ca.SX:

@@ -29,7 +29,7 @@ def test_the_likeliest_share_of_a_prior_is_that_with_the_largest_density() -> No
         costs = [cost(s * explained + noise, drawn) for s in shares]
         found = weights.likeliest_share(replace(log, target=drawn), 0.3)
         assert np.log(found) == pytest.approx(np.log(shares[int(np.argmin(costs))]), abs=0.05)
-    nothing = log.rows(np.zeros(25, dtype=bool))
+    nothing = log.part(np.zeros(25, dtype=bool))
     assert weights.likeliest_share(nothing, 0.0) == 0.0
 
 
@@ -39,7 +39,7 @@ def window(bend: float) -> Samples:
     place = np.linspace(-1.0, 1.0, 300)
     target = place + bend * np.maximum(place, 0.0)
     none = np.zeros((300, 0))
-    return Samples("log", time, place[:, None], none, target[:, None], np.zeros((300, 1)))
+    return Samples(time, place[:, None], none, target[:, None], np.zeros((300, 1)))
 
 
 def test_a_band_is_widened_until_it_holds_each_half_given_the_other() -> None:

@@ -23,7 +23,7 @@ def log_of(seed: int, count: int = 400) -> Samples:
     angles[: count // 10, 1] = np.nan
     nothing = np.zeros((count, 0))
     readings = np.column_stack([drive, force])
-    return Samples("log", time, readings, nothing, angles, np.zeros((count, 2)))
+    return Samples(time, readings, nothing, angles, np.zeros((count, 2)))
 
 
 def by_hand(name: str, training: list[Samples], test: Samples) -> float:

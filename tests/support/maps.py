@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from distal import Log, Rig
-from distal.estimators import channels_of, parts_of, samples_of_angles
+from distal.estimators import samples_of_angles
 from distal.fitting.learned_maps import filtered, map_of
 from distal.logs import true_angles
 from distal.parallel import one_blas_thread
@@ -28,8 +28,7 @@ def with_learned_map(
     known = [log for log in logs if true_angles(log, rig.joint_names) is not None]
     folds = folds_of([str(i) for i in range(len(known))])
     data = dict(enumerate(samples_of_angles(log, rig) for log in known))
-    parts = parts_of(rig, channels_of(rig, "regression"))
     if kind == "filter":
         data, _ = filtered(known, [rig.bare()] * len(known), homing, True)
-    learned = map_of(list(data.values()), rig, kind, parts, [folds[i] for i in data], homing)
+    learned = map_of(list(data.values()), rig, kind, [folds[i] for i in data], homing)
     return rig.with_map(**{kind: learned.maps})

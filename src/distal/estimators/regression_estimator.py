@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -83,9 +84,7 @@ def samples_of_angles(log: Log, rig: Rig) -> Samples:
     readings = np.column_stack([log.channels[name] for name in names])
     truth = true_angles(log, rig.joint_names)
     angles = np.full((len(log), len(rig.joints)), np.nan) if truth is None else truth
-    none = np.zeros((len(log), 0))
-    time = log.time - log.time[0]
-    return Samples(log.source, time, readings, none, angles, np.zeros(angles.shape))
+    return Samples.of_readings(log, readings, angles)
 
 
 def of_part(
@@ -99,13 +98,12 @@ def of_part(
     rows = [rig.joint_names.index(joint) for joint in joints]
     columns = [names.index(channel) for channel in channels]
     angles = samples.angles[:, rows] if samples.angles.shape[1] else samples.angles
-    return Samples(
-        samples.source,
-        samples.time,
-        samples.readings[:, columns],
-        angles,
-        samples.targets[:, rows],
-        samples.variances[:, rows],
+    return replace(
+        samples,
+        readings=samples.readings[:, columns],
+        angles=angles,
+        targets=samples.targets[:, rows],
+        variances=samples.variances[:, rows],
     )
 
 

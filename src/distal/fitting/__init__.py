@@ -12,12 +12,9 @@ scores on logs that were left out. It minimises −ln p = ½ Σ (ν²/S + ln S) 
     print(distal.fit(logs, rig).rig.name)
 """
 
-from distal.fitting.candidates import AS_GIVEN, WRITTEN, Compared, Score
+from distal.fitting.candidates import AS_GIVEN, WRITTEN, Compared
 from distal.fitting.fit import Fit, fit, learn
-from distal.fitting.learned_maps import (
-    SETTLING,
-    MapFit,
-)
+from distal.fitting.learned_maps import SETTLING, MapFit, Score
 from distal.fitting.parameters_and_priors import FittedParameter, Options
 from distal.regression import groups_of
 

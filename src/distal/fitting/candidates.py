@@ -17,12 +17,12 @@ from typing import TypeAlias
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
 from distal.errors import DistalError
-from distal.estimators import channels_of, parts_of, samples_of_angles
+from distal.estimators import samples_of_angles
 from distal.fitting.learned_maps import (
     HeldOut,
     MapFit,
+    Score,
     answering,
     counted_from,
     filtered,
@@ -31,7 +31,6 @@ from distal.fitting.learned_maps import (
     pooled,
     with_its_reference_error,
 )
-from distal.fitting.log_checks import unknown_joints
 from distal.fitting.parameter_search import (
     ParameterEstimates,
     by_equations,
@@ -40,6 +39,7 @@ from distal.fitting.parameter_search import (
     without,
 )
 from distal.fitting.parameters_and_priors import Options, Progress
+from distal.fitting.usable_logs import unknown_joints
 from distal.logs import Log, shown, true_angles
 from distal.regression import (
     YARDSTICKS,
@@ -177,15 +177,17 @@ def with_parts(
     """
     fits = []
     for part in parts:
+        if not part.values:
+            continue
         try:
             problem = problem_of(logs, rig.with_values(part.values), options)
-            parameters = by_equations(problem, options, None, begin) if part.values else None
+            parameters = by_equations(problem, options, None, begin)
         except DistalError:
             continue
-        if parameters is not None and parameters.optimum.interrupted:
-            # the caller has the estimates without the term
-            raise KeyboardInterrupt
         if parameters is not None:
+            if parameters.optimum.interrupted:
+                # the caller has the estimates without the term
+                raise KeyboardInterrupt
             fits.append((part, parameters))
     return fits
 
@@ -322,9 +324,8 @@ def filter_candidate(
     if training.options.homing is not None:
         return plain
     surer = _filtered(name, training, parameters, of_folds, True)
-    errors = [mean_rms(way.data, None) for way in (surer, plain)]
-    better = len(surer.data) == len(plain.data) and errors[0] < NAMED * errors[1]
-    return surer if better else plain
+    better = mean_rms(surer.data, None) < NAMED * mean_rms(plain.data, None)
+    return surer if better and len(surer.data) == len(plain.data) else plain
 
 
 def _filtered(
@@ -364,43 +365,11 @@ def answer_maps(candidate: Candidate, training: Training, line: MapFit) -> tuple
     if homing is None and len(set(folds)) < 2:
         return (line,)
     data = list(candidate.data.values())
-    beside = map_of(data, candidate.rig, "filter", line.parts, folds, homing)
+    beside = map_of(data, candidate.rig, "filter", folds, homing)
     if homing is not None:
         return line, beside
     beside = with_its_reference_error(beside, training.logs)
     return pooled(beside, line, candidate.data, training.logs)
-
-
-@dataclass(frozen=True)
-class Score:
-    """The RMS error of an estimator on a log [rad], the share of samples inside its 95 % band, and
-    the band's mean half-width [rad].
-
-    `joint_halves` has the half-width of each joint [rad]; it is empty where there is no band.
-    """
-
-    rms: float
-    inside: float
-    half: float
-    joint_halves: tuple[float, ...] = ()
-
-    @classmethod
-    def of(cls, joints: Sequence[HeldOut], begin: float) -> Score:
-        """Return the score of each joint's errors, which count from the time `begin` on [s]."""
-        parts = [(joint, joint.time >= begin) for joint in joints]
-        pairs = [(joint.errors[late], np.sqrt(joint.variances[late])) for joint, late in parts]
-        errors, stds = (np.concatenate(columns) for columns in zip(*pairs))
-        return cls(
-            _mean(errors**2) ** 0.5,
-            _mean(np.abs(errors) <= BAND * stds),
-            BAND * _mean(stds),
-            tuple(BAND * _mean(of_joint) for _, of_joint in pairs),
-        )
-
-
-def _mean(values: Floats) -> float:
-    """Return the mean of some values; NaN where there are none."""
-    return float(np.mean(values)) if len(values) else float("nan")
 
 
 WRITTEN = "as written"
@@ -449,18 +418,21 @@ def comparisons(
             continue
         of_readings = maps["readings"].held_out(i)
         alone = Score.of(of_readings, begin)
-        scores: dict[str, Score | None] = {WRITTEN: None if "filter" in maps else alone}
+        written: Score | None = alone
         judged = of_readings[0].time
-        if "filter" in maps and i in candidates[0].data:
-            of_map = maps["filter"].held_out(list(candidates[0].data).index(i))
-            scores[WRITTEN] = Score.of(of_map, begin)
-            judged = of_map[0].time
+        if "filter" in maps:
+            written = None
+            if i in candidates[0].data:
+                of_map = maps["filter"].held_out(list(candidates[0].data).index(i))
+                written = Score.of(of_map, begin)
+                judged = of_map[0].time
+        scores: dict[str, Score | None] = {WRITTEN: written}
         for candidate in candidates:
             scores[candidate.name] = _of_filter(candidate.data.get(i), judged, begin)
         scores[REGRESSION] = alone
         if homing is None:
-            groups = zip(training.groups, every)
-            remaining = [samples for group, samples in groups if group != training.groups[i]]
+            groups = training.groups
+            remaining = [own for group, own in zip(groups, every) if group != groups[i]]
             early = (every[i].time < begin)[:, None]
             late = replace(every[i], targets=np.where(early, np.nan, every[i].targets))
             for name in YARDSTICKS:
@@ -519,10 +491,10 @@ class Judged:
     @property
     def error(self) -> float:
         """RMS error on logs left out of the chosen filter, or of readings alone [rad]."""
-        of_readings = (
-            [rms for learned in self.line.maps for rms in learned.rms] if self.line else []
-        )
-        alone = float(np.sqrt(np.mean(np.square(of_readings)))) if of_readings else np.inf
+        if self.line is None:
+            return self.chosen.error
+        of_readings = [rms for learned in self.line.maps for rms in learned.rms]
+        alone = float(np.sqrt(np.mean(np.square(of_readings))))
         return min(self.chosen.error, alone)
 
 
@@ -558,23 +530,18 @@ def with_terms(judged: Judged, progress: Progress | None = None) -> Judged:
     """
     if judged.line is None or judged.interrupted:
         return judged
+    return _judging(judged, _ways_with_terms(judged), progress)
+
+
+def _ways_with_terms(judged: Judged) -> Iterator[Way]:
     training = judged.training
-    try:
-        tried = tried_parts(judged.logs, training.rig, training.options, judged.solutions[0])
-    except KeyboardInterrupt:
-        return replace(judged, interrupted=True)
-    ways = [
-        (
-            f"{BY_EQUATIONS}, with {part.name}",
-            replace(training, rig=training.rig.with_values(part.values), part=part),
-            parameters,
-        )
-        for part, parameters in tried
-    ]
-    return _judging(judged, ways, progress)
+    rig = training.rig
+    for part, parameters in tried_parts(judged.logs, rig, training.options, judged.solutions[0]):
+        with_part = replace(training, rig=rig.with_values(part.values), part=part)
+        yield f"{BY_EQUATIONS}, with {part.name}", with_part, parameters
 
 
-def _judging(judged: Judged, ways: Sequence[Way], progress: Progress | None) -> Judged:
+def _judging(judged: Judged, ways: Iterable[Way], progress: Progress | None) -> Judged:
     """Return the candidates with further ones, each judged on held-out logs; after an interruption
     with those that were judged until then.
     """
@@ -607,6 +574,5 @@ def readings_map(training: Training) -> MapFit:
     """Return the map of the angles by readings alone."""
     data = [samples_of_angles(log, training.rig) for log in training.logs]
     homing = training.options.homing
-    parts = parts_of(training.rig, channels_of(training.rig, "regression"))
-    map_fit = map_of(data, training.rig, "readings", parts, training.folds, homing)
+    map_fit = map_of(data, training.rig, "readings", training.folds, homing)
     return map_fit if homing is not None else with_its_reference_error(map_fit, training.logs)

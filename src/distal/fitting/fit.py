@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,31 +40,23 @@ from distal.fitting.candidates import (
     comparisons,
     groups_among,
     judge,
+    parameters_without,
     with_terms,
 )
 from distal.fitting.learned_maps import (
     MapFit,
+    Score,
     counted_from,
     efforts_of,
-    logs_read,
     reference_offset,
     reference_std,
     untouched,
-)
-from distal.fitting.log_checks import (
-    check_logs,
-    delays,
-    reference_lag,
-    said_of_lag,
-    touched_logs,
-    without_lag,
 )
 from distal.fitting.parameter_search import (
     ParameterEstimates,
     by_filter,
     far_from_priors,
     problem_of,
-    without,
 )
 from distal.fitting.parameters_and_priors import (
     FittedParameter,
@@ -72,12 +65,20 @@ from distal.fitting.parameters_and_priors import (
     assignments,
     paths_of,
 )
+from distal.fitting.usable_logs import (
+    check_logs,
+    delays,
+    reference_lag,
+    said_of_lag,
+    touched_logs,
+    without_lag,
+)
 from distal.from_logs import rig_from_logs
 from distal.from_logs.drive_and_tendon_sizes import servos_of
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles, write_together
 from distal.parallel import one_blas_thread
-from distal.regression import FEWEST_LOGS, YARDSTICKS, folds_of, groups_of, splits
+from distal.regression import FEWEST_LOGS, YARDSTICKS, folds_of, groups_of
 from distal.rig import LeftOut, Rig, arrays_file, as_rig, as_table, build_rig, parse_toml, set_value
 from distal.run import estimate
 from distal.units import rounded
@@ -92,52 +93,6 @@ to an earlier fit.
 """
 
 
-def fitted_text(
-    rig: Rig,
-    start: Rig,
-    values: Mapping[str, object],
-    head: str,
-    text: str | None,
-    table: Mapping[str, object] | None = None,
-) -> str:
-    """Return the TOML of a fitted rig, which reads as exactly this rig.
-
-    If values in the old text would not read as this rig, the file is written anew, with a warning
-    and without comments, so that no result is lost.
-
-    Args:
-        rig: the fitted rig.
-        start: the original rig.
-        values: path → value of what changed.
-        head: comment at the head of the file, which begins with `MARK`.
-        text: TOML of the original rig, whose comments stay; None writes the file anew.
-        table: the table `[map]`, whose numbers are in the file that it names.
-
-    Raises:
-        RigError: the text is not that of the original rig.
-        OutputError: the rig cannot be written so that it reads as the same.
-    """
-    rig = rig.model_copy(update={"map": None})
-    if text is None:
-        return head + _anew(rig, table)
-    if _read(text).bare() != start.bare():
-        raise RigError("the text is not that of the rig that was fitted; save without it")
-    try:
-        written = head + _put_into(text, rig, {**values, **({"map": table} if table else {})})
-        agrees = _read(written) == rig
-    except RigError:
-        agrees = False
-    if agrees:
-        return written
-    warnings.warn(
-        "the fitted values do not fit into the text of the rig file: the file is written anew, "
-        "without its comments",
-        DistalWarning,
-        stacklevel=2,
-    )
-    return head + _anew(rig, table)
-
-
 def write_fitted(
     path: str | Path,
     rig: Rig,
@@ -146,28 +101,62 @@ def write_fitted(
     head: str,
     text: str | None,
 ) -> None:
-    """Write a fitted rig file, and beside it the numbers of its maps: both or none; see
-    `fitted_text` for the arguments.
+    """Write a fitted rig file, and beside it the numbers of its maps: both or none.
+
+    If values in the old text would not read as this rig, the file is written anew, with a warning
+    and without comments, so that no result is lost.
+
+    Args:
+        path: of the file.
+        rig: the fitted rig.
+        start: the original rig.
+        values: path → value of what changed.
+        head: comment at the head of the file, which begins with `MARK`.
+        text: TOML of the original rig, whose comments stay; None writes the file anew.
 
     Raises:
-        OutputError: a file cannot be written; what stood there is unchanged.
+        RigError: the text is not that of the original rig.
+        OutputError: a file cannot be written, or not so that it reads as the same rig; what stood
+            there is unchanged.
     """
     files: dict[Path, bytes | str] = {}
-    table = None
+    table: dict[str, object] = {}
     if rig.map is not None:
-        table, content = as_table(rig.map, path)
-        files[arrays_file(path)] = content
-    files[Path(path)] = fitted_text(rig, start, values, head, text, table)
+        table["map"], files[arrays_file(path)] = as_table(rig.map, path)
+    rig = rig.model_copy(update={"map": None})
+    written = _anew(rig, table) if text is None else _edited(text, rig, start, {**values, **table})
+    if written is None:
+        warnings.warn(
+            "the fitted values do not fit into the text of the rig file: the file is written anew, "
+            "without its comments",
+            DistalWarning,
+            stacklevel=2,
+        )
+        written = _anew(rig, table)
+    files[Path(path)] = head + written
     write_together(files)
+
+
+def _edited(text: str, rig: Rig, start: Rig, values: Mapping[str, object]) -> str | None:
+    """Return the text of the rig `start` with new values; None where it then does not read as the
+    fitted rig.
+    """
+    if _read(text).bare() != start.bare():
+        raise RigError("the text is not that of the rig that was fitted; save without it")
+    with suppress(RigError):
+        written = _put_into(text, rig, values)
+        if _read(written) == rig:
+            return written
+    return None
 
 
 def _put_into(text: str, rig: Rig, values: Mapping[str, object]) -> str:
     import tomlkit
 
-    before = _without_old_head(text)
+    before = re.sub(rf"\A{MARK}.*\n(#.*\n)*\n*", "", text)  # without that of an earlier fit
     document = tomlkit.parse(before)
     for learned in LEARNED:
-        if learned in document and (learned == "map" or not getattr(rig, learned)):
+        if learned in document and not getattr(rig, learned):
             del document[learned]
     for path, value in values.items():
         set_value(document, path, value, RigError)
@@ -191,16 +180,15 @@ def _without_guesses(text: str, before: str) -> str:
     return "\n".join(lines)
 
 
-def _anew(rig: Rig, table: Mapping[str, object] | None) -> str:
-    """Return the TOML of a rig without maps, written anew, with the table `[map]`.
+def _anew(rig: Rig, table: Mapping[str, object]) -> str:
+    """Return the TOML of a rig without maps, written anew, with the tables of its maps.
 
     Raises:
         OutputError: it does not read as this rig.
     """
     import tomlkit
 
-    described = plain_value(rig.model_dump(exclude_defaults=True))
-    written = tomlkit.dumps({**described, **({"map": plain_value(table)} if table else {})})
+    written = tomlkit.dumps(plain_value({**rig.model_dump(exclude_defaults=True), **table}))
     if _read(written) != rig:
         raise OutputError(
             f"{rig.name}: the fitted rig cannot be written so that it reads as the same"
@@ -214,26 +202,14 @@ def _read(text: str) -> Rig:
     return build_rig({key: value for key, value in raw.items() if key != "map"}, "fitted rig")
 
 
-def plain_value(raw: Mapping[str, object]) -> dict[str, object]:
+def plain_value(raw: Any) -> Any:
     """Return a description as TOML can hold it: without empty values, and without the SI tags that
     reading finds again.
     """
-    return {key: _plain(value) for key, value in raw.items() if value is not None and key != "si"}
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, Mapping):
-        return plain_value(value)
-    return [_plain(part) for part in value] if isinstance(value, (list, tuple)) else value
-
-
-def _without_old_head(text: str) -> str:
-    """Return the text without the head of an earlier fit."""
-    lines = text.split("\n")
-    if not lines or not lines[0].startswith(MARK):
-        return text
-    first = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    return "\n".join(lines[first:]).lstrip("\n")
+    if isinstance(raw, Mapping):
+        parts = raw.items()
+        return {key: plain_value(part) for key, part in parts if part is not None and key != "si"}
+    return [plain_value(part) for part in raw] if isinstance(raw, (list, tuple)) else raw
 
 
 WORSE = 1.05
@@ -259,7 +235,6 @@ class Fit:
         kept: whether `rig` has these estimates; else it has the original values.
         logs: names of the logs.
         duration: total duration of the logs [s].
-        samples: total number of samples.
         homing: for how long the reference was read [s]; None: see `fit`.
         interrupted: whether the user interrupted the fit.
         maps: the learned maps by their kinds, see `LearnedMaps`.
@@ -284,7 +259,6 @@ class Fit:
     kept: bool
     logs: tuple[str, ...]
     duration: float
-    samples: int
     homing: float | None
     interrupted: bool
     maps: Mapping[str, MapFit] = field(default_factory=dict)
@@ -309,36 +283,38 @@ class Fit:
         by_kind = {map_fit.kind: map_fit for map_fit in maps}
         ranked = sorted(judged.candidates, key=lambda way: (way is not chosen, way.error))
         added = {} if chosen.part is None else chosen.part.values
-        rig = chosen.rig
-        if chosen.parameters is not None:
-            rig = parameters.put_into(training.rig.with_values(added), chosen.hold)
         logs = judged.logs
+        doubts = list(parameters.doubts)
+        if training.unknown:
+            doubts.append(
+                f"the angle of {', '.join(training.unknown)} is known in no log: parameters of the "
+                "rig are fitted, but no map, which is of all joints"
+            )
+        doubts += chosen.refused
+        if chosen.parameters is None:
+            fitted = min(way.error for way in ranked if way.parameters is not None)
+            doubts.append(
+                f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the "
+                f"fitted one ({np.rad2deg(fitted):.2f}°): its parameters are kept"
+            )
         return cls(
-            rig=rig.bare().with_map(**{kind: of.maps for kind, of in by_kind.items()}),
+            rig=chosen.rig.bare().with_map(**{kind: of.maps for kind, of in by_kind.items()}),
             start=training.rig,
             part="" if chosen.part is None else chosen.part.name,
             parameters=parameters,
             kept=chosen.parameters is not None,
             logs=tuple(log.source for log in logs),
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
-            samples=sum(len(log) for log in logs),
             homing=training.options.homing,
             interrupted=judged.interrupted,
             maps=by_kind,
             compared=comparisons(training, ranked, by_kind) if ranked else (),
-            doubts=(
-                *parameters.doubts,
-                *_unknown(training.unknown),
-                *chosen.refused,
-                *_as_given(chosen, ranked),
-            ),
+            doubts=tuple(doubts),
             hold=chosen.hold,
             added=added,
             candidates=tuple(replace(candidate, data={}) for candidate in ranked),
-            reference_std=max((reference_std(training.rig, log) for log in logs), default=0.0),
-            reference_offset=max(
-                (reference_offset(training.rig, log) for log in logs), default=0.0
-            ),
+            reference_std=reference_std(training.rig, logs),
+            reference_offset=reference_offset(training.rig, logs),
         )
 
     @property
@@ -391,30 +367,27 @@ class Fit:
         The first row is what is written; the others follow from the least error up. A share is NaN
         where there is no band.
         """
-        if not self.compared:
-            return []
-        names = [
-            name
-            for name in self.compared[0].scores
-            if all(comparison.scores.get(name) for comparison in self.compared)
-        ]
         rows = []
-        for name in names:
-            scores = [comparison.scores[name] for comparison in self.compared]
-            ran = [score for score in scores if score is not None]
-            rms, inside = np.mean([(score.rms, score.inside) for score in ran], axis=0)
-            rows.append((name, float(rms), float(inside)))
+        for name in self.compared[0].scores if self.compared else ():
+            scores = self.scores_of(name)
+            if len(scores) == len(self.compared):
+                pairs = [(score.rms, score.inside) for score in scores]
+                rms, inside = np.mean(pairs, axis=0).tolist()
+                rows.append((name, rms, inside))
         return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
+
+    def scores_of(self, name: str) -> list[Score]:
+        """Return the scores of a candidate or a yardstick on those held-out logs on which it
+        runs.
+        """
+        scores = [comparison.scores.get(name) for comparison in self.compared]
+        return [score for score in scores if score is not None]
 
     def answer(self) -> str:
         """Return in a line how well each joint is known: band and error on held-out logs, beside
         the best way without a model of the rig; empty without held-out logs.
         """
-        scores = [
-            score
-            for comparison in self.compared
-            if (score := comparison.scores.get(WRITTEN)) is not None
-        ]
+        scores = self.scores_of(WRITTEN)
         if np.isfinite(self.open_loop):
             error = np.rad2deg(self.open_loop)
             return f"with drives as recorded, joints err by {rounded(error)}° on logs left out"
@@ -440,24 +413,23 @@ class Fit:
         """Return sentences on what to know before the rig is used: doubts, errors that no score
         shows, and advice.
         """
-        errors = {candidate.name: candidate.error for candidate in self.candidates}
-        lines = [f"doubt: {line}" for line in self.doubts]
+        lines = []
+        if self.part:
+            errors = {candidate.name: candidate.error for candidate in self.candidates}
+            before = np.rad2deg(errors.get(BY_EQUATIONS, np.inf))
+            after = np.rad2deg(errors.get(f"{BY_EQUATIONS}, with {self.part}", np.inf))
+            lines.append(
+                f"your rig lacks {self.part} ({rounded(before)}° → {rounded(after)}°): it is in "
+                "the file"
+            )
         scores = self.scores()
         if scores and self.reference_offset > HIDDEN * scores[0][1]:
             offset = rounded(np.rad2deg(self.reference_offset))
-            lines.insert(
-                0,
+            lines.append(
                 f"errors are beside the encoder, whose own zero may be off by {offset}° more "
-                "(bias.std); the band contains that",
+                "(bias.std); the band contains that"
             )
-        if self.part:
-            before = np.rad2deg(errors.get(BY_EQUATIONS, np.inf))
-            after = np.rad2deg(errors.get(f"{BY_EQUATIONS}, with {self.part}", np.inf))
-            lines.insert(
-                0,
-                f"your rig lacks {self.part} ({rounded(before)}° → {rounded(after)}°): it is in "
-                "the file",
-            )
+        lines += [f"doubt: {line}" for line in self.doubts]
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
@@ -526,26 +498,6 @@ class Fit:
             lines.append("# The search was interrupted: these are the best values so far.")
         lines += [f"# {line}" for line in self.advice()]
         return "\n".join(lines) + "\n\n"
-
-
-def _unknown(joints: Sequence[str]) -> list[str]:
-    if not joints:
-        return []
-    return [
-        f"the angle of {', '.join(joints)} is known in no log: parameters of the rig are fitted, "
-        "but no map, which is of all joints"
-    ]
-
-
-def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
-    """Return a sentence where the rig as given errs least on held-out logs."""
-    fitted = [candidate.error for candidate in candidates if candidate.parameters is not None]
-    if not fitted or chosen.parameters is not None:
-        return []
-    return [
-        f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the fitted "
-        f"one ({np.rad2deg(min(fitted)):.2f}°): its parameters are kept"
-    ]
 
 
 PROMISED = 2.0
@@ -651,11 +603,21 @@ def fit(
     learned = _followed(judged, read)
     if open_loop and not learned.interrupted:
         learned = _in_open_loop(learned, judged.training, progress)
-    doubts = (*said_of_lag(found_lag), *_touched(aside), *learned.doubts)
+    doubts = said_of_lag(found_lag)
+    if aside:
+        names = ", ".join(shown(log.source) for log in aside)
+        doubts.append(
+            f"in {names} something touches a joint, or holds it: the same positions of the drives "
+            "go with other angles than in the other logs. What is learned of the rig is of free "
+            "motion, so they are left out; a log of another kind of motion is fitted where there "
+            "are several"
+        )
     parameters = learned.parameters
     for line in () if drafted else far_from_priors(parameters.fitted, parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return replace(learned, start=rig, added={**measured, **learned.added}, doubts=doubts)
+    return replace(
+        learned, start=rig, added={**measured, **learned.added}, doubts=(*doubts, *learned.doubts)
+    )
 
 
 def _judged_at(
@@ -710,20 +672,21 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
     problem = replace(problem_of(logs, learned.model, options), open_loop=True)
     parameters = by_filter(problem, None, progress)
     interrupted = parameters.optimum.interrupted
-    errors = list[float]()
-    with suppress(KeyboardInterrupt):
-        for out, kept in splits(training.folds) if not interrupted else ():
-            if not kept:
-                break
+    error = np.nan
+    if len(set(training.folds)) > 1 and not interrupted:
+        try:
+            of_folds = parameters_without(parameters, logs, training.folds)
+            ends = [of_folds[fold].optimum.z for fold in training.folds]
+            runs = parameters.problem.run([(i, z[problem.columns(i)]) for i, z in enumerate(ends)])
+        except KeyboardInterrupt:
             interrupted = True
-            z = without(parameters, [logs[i] for i in out]).optimum.z
-            interrupted = False
-            runs = parameters.problem.run([(i, z[problem.columns(i)]) for i in out])
-            for i, run in zip(out, runs):
-                time = logs[i].time
-                counted = run.values[time - time[0] >= counted_from(logs[i], options.homing)]
-                if np.isfinite(counted).any():
-                    errors.append(float(np.nanmean(counted**2)))
+        else:
+            late = [
+                run.values[log.time - log.time[0] >= counted_from(log, options.homing)]
+                for log, run in zip(logs, runs)
+            ]
+            squares = [np.nanmean(of_log**2) for of_log in late if np.isfinite(of_log).any()]
+            error = float(np.sqrt(np.mean(squares)))
     return replace(
         learned,
         rig=parameters.put_into(learned.model),
@@ -734,7 +697,7 @@ def _in_open_loop(learned: Fit, training: Training, progress: Progress | None) -
         compared=(),
         doubts=parameters.doubts,
         interrupted=interrupted,
-        open_loop=np.nan if interrupted or not errors else float(np.sqrt(np.mean(errors))),
+        open_loop=error,
     )
 
 
@@ -754,7 +717,7 @@ def _failure(rig: Rig, log: Log, learned: Fit, training: Training) -> str | None
     every = [of_log for of_log in scores.values() if of_log is not None]
     # no score has the zero of the encoder
     mean = np.sqrt(np.mean([of_log.rms**2 for of_log in every]))
-    promised = np.hypot(max(score.rms, mean), reference_offset(rig, log))
+    promised = np.hypot(max(score.rms, mean), reference_offset(rig, [log]))
     late = log.time - log.time[0] >= counted_from(log, homing)
     errors = result.errors().reshape(len(log), -1)[late]
     rms = float(np.sqrt(np.nanmean(errors**2)))
@@ -777,26 +740,13 @@ def _lag(logs: Sequence[Log], rig: Rig, groups: str | None) -> float:
         return 0.0
 
 
-def _touched(aside: Sequence[Log]) -> list[str]:
-    """Return a sentence that names the logs in which something touches a joint."""
-    if not aside:
-        return []
-    names = ", ".join(shown(log.source) for log in aside)
-    return [
-        f"in {names} something touches a joint, or holds it: the same positions of the drives go "
-        "with other angles than in the other logs. What is learned of the rig is of free motion, "
-        "so they are left out; a log of another kind of motion is fitted where there are several"
-    ]
-
-
 def _with_free_motion(learned: Fit, judged: Judged) -> Fit:
     """Return what was learned, with the normal forces of free motion (`efforts_of`), and how well
     the rig did on logs left out, where these are not few.
     """
     folds = folds_of(groups_among(judged.logs, judged.training.options.groups))
     rig = learned.rig.with_map(efforts=efforts_of(judged.logs, learned.rig, folds))
-    scores = [log.scores[WRITTEN] for log in learned.compared]
-    ran = [score for score in scores if score is not None]
+    ran = learned.scores_of(WRITTEN)
     if len(ran) >= FEWEST_LOGS:
         rms = float(np.sqrt(np.mean([score.rms**2 for score in ran])))
         inside = float(np.mean([score.inside for score in ran]))
@@ -819,16 +769,12 @@ def _read_and_checked(
         )
     if homing is not None and not isinstance(homing, (int, float)):
         raise FitError(f"homing is a number of seconds, {homing!r} came")
-    read = logs_read(logs, rig, truth)
+    sources = [logs] if isinstance(logs, (Log, str, Path)) else logs
+    read = [log if isinstance(log, Log) else read_log(log, rig, truth) for log in sources]
     check_logs(read, rig, drafted)
-    joints = rig.joint_names
     if homing is not None:
         for log in read:
-            if true_angles(log, joints) is None:
-                raise FitError(
-                    f"{log.source}: has no truth; a fit with homing needs one on every log"
-                )
-            check_homing(homing, log, joints)
+            check_homing(homing, log, rig.joint_names)
     return read
 
 

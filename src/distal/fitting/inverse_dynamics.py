@@ -92,12 +92,12 @@ class Equations:
     """
 
     def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
-        context = fit.estimator.states.context
+        context = fit.states.context
         self.context = context
         self.mechanism = context.mechanism
         self.fit = fit
         drives = range(context.n_drives)
-        self.positions = [context.position_sensor(i) for i in drives]
+        self.positions = [s for i in drives if (s := context.position_sensor(i)) is not None]
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
         tendons = self.mechanism.rig.tendon_names
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
@@ -111,12 +111,10 @@ class Equations:
         """Return whether every drive's position and every joint's angle has a sensor, so that the
         equations can be asked.
         """
-        context = fit.estimator.states.context
+        context = fit.states.context
         read = {sensor.of for sensor in fit.references}
         positions = [context.position_sensor(i) for i in range(context.n_drives)]
-        return None not in positions and read >= {
-            joint.name for joint in context.mechanism.rig.joints
-        }
+        return None not in positions and read >= set(fit.rig.joint_names)
 
     def _function(self) -> ca.Function:
         """Return the function (kernel_state, x, p) → (kernel_state⁺, residuals).
@@ -134,11 +132,7 @@ class Equations:
         x = ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
         ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
         dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
-        positions = [
-            context.corrected(s, motion[nj + i])
-            for i, s in enumerate(self.positions)
-            if s is not None
-        ]
+        positions = [context.corrected(s, motion[nj + i]) for i, s in enumerate(self.positions)]
         q = ca.vertcat(motion[:nj], *positions)
         direction = ca.fmax(ca.fmin(kernel_state[:nb] + turned, 1), -1)
         inside = self._stepped(q, dt, kernel_state[nb:])
@@ -149,10 +143,9 @@ class Equations:
             context.corrected(s, read[k]) - pulls[nj + i] - friction[nj + i]
             for k, (i, s) in enumerate(self.forces)
         ]
-        first = len(self.forces)
         rows += [
-            context.corrected(s, read[first + k]) - tensions[i]
-            for k, (i, s) in enumerate(self.tensions)
+            context.corrected(s, read[k]) - tensions[i]
+            for k, (i, s) in enumerate(self.tensions, len(self.forces))
         ]
         rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
         lacking = ca.vertcat(*rows)
@@ -160,9 +153,7 @@ class Equations:
         noise = ca.vertcat(*variances, *(LEAST_VARIANCE for _ in mechanism.free))
         noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
         residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
-        outputs = [
-            ca.cse(ca.densify(output)) for output in (ca.vertcat(direction, inside), residuals)
-        ]
+        outputs = [ca.cse(ca.densify(part)) for part in (ca.vertcat(direction, inside), residuals)]
         return ca.Function(
             "equations", [kernel_state, x, p], outputs, ["kernel_state", "x", "p"], ["next", "y"]
         )
@@ -196,17 +187,15 @@ class Equations:
         friction, friction limits up and down).
         """
         mechanism = self.mechanism
-        nb = self.mechanism.n_bodies
-        nj = self.mechanism.n_joints
+        nb = mechanism.n_bodies
+        nj = mechanism.n_joints
         q, v, a = (ca.SX.sym(name, nb) for name in "qva")
         tendons = mechanism.pulls(q, v, settled=True)
-        passive = mechanism.passive_forces(q)
-        pulls = mechanism.dampings() * v - tendons.forces - passive
+        pulls = mechanism.dampings() * v - tendons.forces - mechanism.passive_forces(q)
         balance = ca.vertcat(mechanism.moving_forces(q, v, a[:nj]) + pulls[:nj], pulls[nj:])
         limits = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
-        up, down = (
-            ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down")
-        )
+        up = ca.vertcat(*(limit.up for limit in limits))
+        down = ca.vertcat(*(limit.down for limit in limits))
         p = mechanism.parameters.symbols
         return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, balance, up, down])
 
@@ -237,19 +226,16 @@ class Equations:
         """Return a log as the equations take it; None where it has too few samples with all angles
         and positions.
         """
-        channels = list(self.fit.estimator.channels)
+        channels = list(self.fit.channels)
         joints = self.mechanism.rig.joint_names
 
-        def columns(sensors: Sequence[Sensor | None]) -> Floats:
-            readings = [
-                data.samples[:, channels.index(sensor.name)]
-                for sensor in sensors
-                if sensor is not None
-            ]
+        def columns(sensors: Sequence[Sensor]) -> Floats:
+            readings = [data.samples[:, channels.index(sensor.name)] for sensor in sensors]
             return np.column_stack([*readings, np.zeros((len(data.samples), 0))])
 
         of = {sensor.of: sensor for sensor in self.fit.references}
-        q = np.column_stack([columns([of[name] for name in joints]), columns(self.positions)])
+        of_motion = [*(of[name] for name in joints), *self.positions]
+        q = columns(of_motion)
         time = data.log.time
         complete = np.asarray(np.isfinite(q).all(axis=1))
         from scipy.signal import savgol_coeffs, savgol_filter  # takes as long to load as distal
@@ -267,9 +253,7 @@ class Equations:
         at = slice(None, None, every)
         # smoothing leaves this share of the noise's variance of each angle and position
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
-        noise = [
-            variance(s) for s in (*(of[name] for name in joints), *self.positions) if s is not None
-        ]
+        noise = [variance(sensor) for sensor in of_motion]
         unsure = np.tile(left * np.array(noise), (len(q[at]), 1))
         read = columns(self.sensors)[at]
         turned = np.diff(q[at], axis=0, prepend=q[:1]) / width

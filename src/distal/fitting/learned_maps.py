@@ -8,8 +8,8 @@ held-out logs, and a band by their errors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from distal.arrays import Floats
 from distal.confidence import BAND, COVERED
-from distal.errors import DistalError
+from distal.errors import DistalError, EstimationError
 from distal.estimators import (
     LARGEST_ANGLE,
     AdaptiveFilter,
@@ -27,12 +27,9 @@ from distal.estimators import (
     parts_of,
     samples_of_angles,
 )
-from distal.homing import (
-    check_homing,
-    plain_samples,
-)
+from distal.homing import check_homing, plain_samples
 from distal.kernels import Compiled
-from distal.logs import Log, Source, TruthKind, read_log, shown, true_angles
+from distal.logs import Log, TruthKind, shown, true_angles
 from distal.regression import (
     FEWEST_LOGS,
     Evidence,
@@ -44,11 +41,12 @@ from distal.regression import (
     evidence_of,
     features_along,
     framed,
-    rates_of,
+    map_from,
     shape_for,
     whitening,
+    with_arrays,
 )
-from distal.rig import LearnedMap, MapArrays, Rig
+from distal.rig import LearnedMap, Rig, Sensor
 from distal.run import samples_of
 from distal.run.redundancy import NORMAL, means_along
 from distal.sensor_models import variance
@@ -99,18 +97,28 @@ def density(errors: Floats, variances: Floats) -> float:
 
 def moved(z: Floats) -> Prior:
     """Return the hyperparameters at the coordinates z of the search, see `SEARCHED`."""
-    usual = asdict(Prior())
-    changes = {name: usual[name] + step for names, step in zip(SEARCHED, z) for name in names}
-    return Prior(**{**usual, **changes})
+    usual = Prior()
+    steps = {name: step for names, step in zip(SEARCHED, z) for name in names}
+    return replace(usual, **{name: getattr(usual, name) + step for name, step in steps.items()})
 
 
 @dataclass(frozen=True)
 class Task:
-    """A joint's map to be learned: its logs, and the group of each, which is held out together."""
+    """A joint's map to be learned.
+
+    Args:
+        shape: of its features.
+        logs: what each log tells.
+        groups: the group of each log, which is held out together.
+        centre: of the targets [SI], which is off those of the logs.
+        scale: of the targets [SI], in which those of the logs are.
+    """
 
     shape: Shape
     logs: tuple[Evidence, ...]
     groups: tuple[int, ...]
+    centre: float = 0.0
+    scale: float = 1.0
 
     @property
     def in_groups(self) -> Task:
@@ -118,8 +126,8 @@ class Task:
         if len(set(self.groups)) > 1:
             return self
         halves = [np.arange(len(log.target)) < len(log.target) // 2 for log in self.logs]
-        parts = [log.rows(rows) for log, half in zip(self.logs, halves) for rows in (half, ~half)]
-        return Task(self.shape, tuple(parts), tuple(i % 2 for i in range(len(parts))))
+        parts = [log.part(rows) for log, half in zip(self.logs, halves) for rows in (half, ~half)]
+        return replace(self, logs=tuple(parts), groups=(0, 1) * len(self.logs))
 
     def without(self, prior: Prior) -> list[Weights]:
         """Return for each log the weights that the other groups tell."""
@@ -130,10 +138,6 @@ class Task:
         what is given of it.
         """
         return [weights.errors(log) for weights, log in zip(self.without(prior), self.logs)]
-
-    def densities(self, prior: Prior) -> Floats:
-        """Return the density of each log by the weights that the other groups tell."""
-        return np.array([density(*pair) for pair in self.held_out(prior)])
 
     def cost(self, z: Floats, each: float = 1.0) -> float:
         """Return −ln of the posterior density of hyperparameters, but for a constant: by logs left
@@ -148,14 +152,12 @@ class Task:
             pairs = [weights.errors(log) for weights, log in zip(without, self.logs)]
             # what is given must not come as a surprise either
             pairs += [
-                weights.errors(replace(log.rows(log.given), given=np.zeros(count, bool)))
-                for weights, log in zip(without, self.logs)
-                if (count := np.count_nonzero(log.given))
+                weights.errors(replace(known, given=~known.given))
+                for weights, known in zip(without, [log.part(log.given) for log in self.logs])
             ]
         except np.linalg.LinAlgError:
             return 1e9
-        densities = [density(*pair) for pair in pairs if len(pair[0])]
-        total = sum(densities) * len(set(self.groups)) / len(self.logs)
+        total = sum(density(*pair) for pair in pairs) * len(set(self.groups)) / len(self.logs)
         return float(0.5 * np.sum((z / SPREAD) ** 2) - each * total)
 
     def search(self, starts: ArrayLike = STARTS, each: float = 1.0, lags: bool = True) -> Floats:
@@ -168,17 +170,14 @@ class Task:
         """
         from scipy.optimize import minimize  # loaded late: it takes as long as all of distal
 
-        free = np.array([lags or "lags" not in names for names in SEARCHED])
+        axes = np.eye(len(SEARCHED))[[lags or "lags" not in names for names in SEARCHED]]
 
         def cost(of_free: Floats) -> float:
-            z = np.zeros(len(free))
-            z[free] = of_free
-            return self.cost(z, each)
+            return self.cost(of_free @ axes, each)
 
         options = {"maxfev": EVALUATIONS, "xtol": 0.1, "ftol": 1e-3}
-        start = min(np.atleast_2d(starts)[:, free], key=cost)
-        best = np.zeros(len(free))
-        best[free] = minimize(cost, start, method="Powell", options=options).x
+        start = min(np.atleast_2d(starts) @ axes.T, key=cost)
+        best: Floats = minimize(cost, start, method="Powell", options=options).x @ axes
         return best
 
 
@@ -198,7 +197,7 @@ class Seen:
         `learned_map`.
         """
         shape = shape_for(logs[0], described, RADIAL)
-        frame = framed(shape, logs, Prior(), play)
+        frame = framed(shape, logs, play)
         flat = shape.flat(frame)
         along = (features_along(shape, flat, log.time, log.every) for log in logs)
         return cls(shape, frame, tuple(along))
@@ -209,10 +208,8 @@ class Seen:
         joint: int,
         groups: Sequence[int],
         homing: float | None = None,
-    ) -> tuple[Task, float, float]:
-        """Return what is to be learned of a joint, and the centre and the scale of its targets; see
-        `learned_map` for `homing`.
-        """
+    ) -> Task:
+        """Return what is to be learned of a joint; see `learned_map` for `homing`."""
         targets = np.concatenate([log.targets[:, joint] for log in logs])
         beside = self.shape.angles > 0
         centre = 0.0 if beside else float(np.nanmean(targets))
@@ -223,7 +220,7 @@ class Seen:
             evidence_of(log, along, joint, scale, centre, homing)
             for log, along in zip(logs, self.along)
         )
-        return Task(self.shape, evidence, tuple(groups)), centre, scale
+        return Task(self.shape, evidence, tuple(groups), centre, scale)
 
 
 @dataclass(frozen=True)
@@ -235,6 +232,38 @@ class HeldOut:
     time: Floats
     errors: Floats
     variances: Floats
+
+
+@dataclass(frozen=True)
+class Score:
+    """The RMS error of an estimator on a log [rad], the share of samples inside its 95 % band, and
+    the band's mean half-width [rad].
+
+    `joint_halves` has the half-width of each joint [rad]; it is empty where there is no band.
+    """
+
+    rms: float
+    inside: float
+    half: float
+    joint_halves: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, joints: Sequence[HeldOut], begin: float = -np.inf) -> Score:
+        """Return the score of each joint's errors, which count from the time `begin` on [s]."""
+        parts = [(joint, joint.time >= begin) for joint in joints]
+        pairs = [(joint.errors[late], np.sqrt(joint.variances[late])) for joint, late in parts]
+        errors, stds = (np.concatenate(columns) for columns in zip(*pairs))
+        return cls(
+            _mean(errors**2) ** 0.5,
+            _mean(np.abs(errors) <= BAND * stds),
+            BAND * _mean(stds),
+            tuple(BAND * _mean(of_joint) for _, of_joint in pairs),
+        )
+
+
+def _mean(values: Floats) -> float:
+    """Return the mean of some values; NaN where there are none."""
+    return float(np.mean(values)) if len(values) else float("nan")
 
 
 SMALLEST_SCALE = 1e-9
@@ -265,41 +294,35 @@ def learned_map(
         for play, of_play in seen.items()
     }
     first, *_ = plays
-    found = [task.in_groups.search() for task, *_ in tasks[first]]
+    found = [task.in_groups.search() for task in tasks[first]]
 
     def cost(play: float) -> float:
-        return sum(task.in_groups.cost(z) for (task, *_), z in zip(tasks[play], found))
+        return sum(task.in_groups.cost(z) for task, z in zip(tasks[play], found))
 
     likeliest = min(plays, key=cost)
     if likeliest != first:
-        found = [task.in_groups.search(z) for (task, *_), z in zip(tasks[likeliest], found)]
-    maps = [(moved(z), *task) for z, task in zip(found, tasks[likeliest])]
-    results = [_of_joint(*of_joint) for of_joint in maps]
+        found = [task.in_groups.search(z) for task, z in zip(tasks[likeliest], found)]
+    results = [_of_joint(moved(z), task) for z, task in zip(found, tasks[likeliest])]
+    held_out = [errors for _, errors in results]
     arrays = {name: np.stack([result[name] for result, _ in results]) for name in results[0][0]}
-    arrays["correlation"] = _correlation([held_out for _, held_out in results])
-    every = np.vstack([log.every for log in logs])
-    frame = seen[likeliest].frame
-    learned = LearnedMap(
-        **described,
-        beside_filter=seen[likeliest].shape.angles > 0,
-        logs=len(logs),
-        low=tuple(np.nanmin(every, axis=0).tolist()),
-        high=tuple(np.nanmax(every, axis=0).tolist()),
-        **scores_of([held_out for _, held_out in results]),
-        arrays=MapArrays(**frame, rate=rates_of(logs, frame["scale"]), **arrays),
+    learned = map_from(
+        logs,
+        described,
+        seen[likeliest].frame,
+        len(logs),
+        **arrays,
+        correlation=_correlation(held_out),
     )
-    return learned, [held_out for _, held_out in results]
+    return learned.model_copy(update=scores_of(held_out)), held_out
 
 
 def scores_of(held_out: Sequence[Sequence[HeldOut]]) -> dict[str, tuple[float, ...]]:
     """Return the scores of a `LearnedMap` by the errors of each joint on each log."""
-    scores = dict[str, list[float]](rms=[], inside=[])
-    for logs in held_out:
-        errors = np.concatenate([log.errors for log in logs])
-        variances = np.concatenate([log.variances for log in logs])
-        scores["rms"].append(float(np.sqrt(np.mean(errors**2))))
-        scores["inside"].append(float(np.mean(np.abs(errors) <= BAND * np.sqrt(variances))))
-    return {name: tuple(values) for name, values in scores.items()}
+    scores = [Score.of(logs) for logs in held_out]
+    return {
+        "rms": tuple(score.rms for score in scores),
+        "inside": tuple(score.inside for score in scores),
+    }
 
 
 def _correlation(held_out: Sequence[Sequence[HeldOut]]) -> Floats:
@@ -318,33 +341,32 @@ def _correlation(held_out: Sequence[Sequence[HeldOut]]) -> Floats:
     return correlation
 
 
-def _of_joint(
-    prior: Prior, task: Task, centre: float, scale: float
-) -> tuple[dict[str, Floats], list[HeldOut]]:
+def _of_joint(prior: Prior, task: Task) -> tuple[dict[str, Floats], list[HeldOut]]:
     """Return the arrays of a joint's map with its scores on logs left out, and its errors there."""
-    evidence, groups = task.logs, len(set(task.groups))
+    weights = Weights.of(task.shape, prior, task.logs)
+    groups = len(set(task.groups))
     task = task.in_groups
     held_out = task.held_out(prior)
-    weights = Weights.of(task.shape, prior, evidence)
     if task.shape.angles:
+        targets = [log.target[~log.given] for log in task.logs]
+        pairs = [(target, error) for target, (error, _) in zip(targets, held_out)]
         # halves of one log are more alike than two logs, so the smaller of their shares is taken
-        pairs = list(zip(task.logs, held_out))
-        together = [pairs] if groups > 1 else [[pair] for pair in pairs]
-        share = min(_share(of_logs) for of_logs in together)
+        share = _share(pairs) if groups > 1 else min(_share([pair]) for pair in pairs)
         weights = replace(weights, mean=share * weights.mean)
         held_out = [
-            (log.target[~log.given] * (1 - share) + share * error, variance)
-            for log, (error, variance) in zip(task.logs, held_out)
+            (target * (1 - share) + share * error, variance)
+            for target, (error, variance) in zip(targets, held_out)
         ]
-    # Student's distribution for as many logs
-    factor = conformal_factor(held_out) * np.sqrt(student(groups - 1))
-    square = (factor * scale) ** 2
+    # Student's distribution for as many logs: t_{0.975}/1.96
+    wider = float(stdtrit(max(groups - 1.0, 1.0), (1 + COVERED) / 2)) / BAND
+    factor = conformal_factor(held_out) * np.sqrt(wider)
+    square = (factor * task.scale) ** 2
     scored = [
-        HeldOut(log.time[~log.given], scale * error, square * variance)
+        HeldOut(log.time[~log.given], task.scale * error, square * variance)
         for log, (error, variance) in zip(task.logs, held_out)
     ]
-    mean = scale * weights.mean
-    mean[0] += centre
+    mean = task.scale * weights.mean
+    mean[0] += task.centre
     arrays = {
         "mean": mean,
         "covariance": square * weights.covariance,
@@ -356,25 +378,14 @@ def _of_joint(
     return arrays, scored
 
 
-def _share(held_out: Sequence[tuple[Evidence, tuple[Floats, Floats]]]) -> float:
+def _share(held_out: Sequence[tuple[Floats, Floats]]) -> float:
     """Return the share of a map's values, 0 to 1, with which it errs least on held-out logs beside
-    the filter alone (stacking; Wolpert, Neural Networks 5, 1992).
+    the filter alone (stacking; Wolpert, Neural Networks 5, 1992), by targets and errors on each.
     """
-    with_values = [
-        (log.target[~log.given], log.target[~log.given] - error) for log, (error, _) in held_out
-    ]
-    products = sum(float(np.mean(target * mapped)) for target, mapped in with_values if len(target))
-    squares = sum(float(np.mean(mapped**2)) for _, mapped in with_values if len(mapped))
+    pairs = [(target, target - error) for target, error in held_out if len(target)]
+    products = sum(float(np.mean(target * mapped)) for target, mapped in pairs)
+    squares = sum(float(np.mean(mapped**2)) for _, mapped in pairs)
     return float(np.clip(products / max(squares, 1e-300), 0.0, 1.0))
-
-
-def student(freedom: float) -> float:
-    """Return the factor by which a 95 % band is wider if its std was estimated with `freedom`
-    degrees of freedom, at least 1: t_{0.975}/1.96.
-    """
-    from scipy.special import stdtrit  # loaded late, as above
-
-    return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
 
 
 OFFSETS = 2.0
@@ -415,21 +426,17 @@ def filtered(
     """
     data = dict[int, Samples]()
     refused = list[str]()
-    estimators = dict[int, AdaptiveFilter]()
+    estimator_of = cache(AdaptiveFilter)
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
-            if id(rig) not in estimators:
-                estimators[id(rig)] = AdaptiveFilter(rig, compiled)
-            samples = _filtered(log, estimators[id(rig)], homing)
+            samples = _filtered(log, estimator_of(rig, compiled), homing)
+            if not np.all(np.abs(samples.angles) < LARGEST_ANGLE):  # NaN is not below it either
+                raise EstimationError("adaptive left all bounds on it")
         except DistalError as problem:
             refused.append(f"{shown(log.source)} is left out: {problem}")
-            continue
-        if not np.all(np.abs(samples.angles) < LARGEST_ANGLE):  # NaN is not below it either
-            refused.append(f"{shown(log.source)} is left out: adaptive left all bounds on it")
-            continue
-        data[i] = samples
-    sensor = homing is None and any(log.truth_kind is TruthKind.SENSOR for log in logs)
-    if sensor and data:
+        else:
+            data[i] = samples
+    if homing is None and reference_sensors(rigs[0], logs):
         data = dict(zip(data, without_offset(list(data.values()), rigs[0])))
     return data, refused
 
@@ -444,25 +451,24 @@ def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
     """
     doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
     limits = OFFSETS * np.array([doubts.get(joint.name, 0.0) for joint in rig.joints])
-    targets = [samples.targets for samples in data if np.isfinite(samples.targets).any()]
-    if not targets:
+    means = []
+    for samples in data:
+        counts = np.isfinite(samples.targets).sum(axis=0)
+        if counts.any():
+            means.append(np.nan_to_num(samples.targets).sum(axis=0) / np.maximum(counts, 1))
+    if not means:
         return list(data)
-    means = [
-        np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T])
-        for t in targets
-    ]
     common = np.mean(means, axis=0)
     common = np.where(np.abs(common) <= limits, common, 0.0)
     return [replace(samples, targets=samples.targets - common) for samples in data]
 
 
-def reference_variances(rig: Rig, logs: Sequence[Log]) -> dict[str, float]:
-    """Return joint → variance of the zero of the angle sensor that gives the reference [rad²]; none
-    for a reference from elsewhere.
+def reference_sensors(rig: Rig, logs: Sequence[Log]) -> list[Sensor]:
+    """Return the angle sensors that give the reference of some logs; none for a reference from
+    elsewhere.
     """
-    if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
-        return {}
-    return {sensor.of: sensor.bias.total_std**2 for sensor in reversed(rig.sensors_of("angle"))}
+    read = any(log.truth_kind is TruthKind.SENSOR for log in logs)
+    return list(rig.sensors_of("angle")) if read else []
 
 
 def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samples:
@@ -483,34 +489,24 @@ def _filtered(log: Log, estimator: AdaptiveFilter, homing: float | None) -> Samp
 def mean_rms(data: Mapping[int, Samples], homing: float | None) -> float:
     """Return the mean over logs of the RMS error of the filter's angles after homing [rad]."""
     late = [samples.targets[samples.time >= (homing or 0.0)] for samples in data.values()]
-    log_errors = [targets[np.isfinite(targets)] for targets in late]
-    return float(np.mean([np.sqrt(np.mean(errors**2)) for errors in log_errors if len(errors)]))
+    squares = [np.nanmean(errors**2) for errors in late if np.isfinite(errors).any()]
+    return float(np.mean(np.sqrt(squares)))
 
 
-def reference_std(rig: Rig, log: Log) -> float:
-    """Return the std of the random error of the angle sensor that gives a log's reference [rad],
-    the largest of several; 0 for a reference from elsewhere.
+def reference_std(rig: Rig, logs: Sequence[Log]) -> float:
+    """Return the std of the random error of the angle sensor that gives the reference [rad], the
+    largest of several; 0 for a reference from elsewhere.
 
     The sensor's offset is not counted, since it is the same along a log.
     """
-    if log.truth_kind is not TruthKind.SENSOR:
-        return 0.0
-    return max(
-        (float(np.sqrt(variance(sensor))) for sensor in rig.sensors_of("angle")), default=0.0
-    )
+    return float(np.sqrt(max((variance(s) for s in reference_sensors(rig, logs)), default=0.0)))
 
 
-def reference_offset(rig: Rig, log: Log) -> float:
-    """Return the std of the zero of the angle sensor that gives a log's reference [rad], the
-    largest of several; 0 for a reference from elsewhere.
+def reference_offset(rig: Rig, logs: Sequence[Log]) -> float:
+    """Return the std of the zero of the angle sensor that gives the reference [rad], the largest of
+    several; 0 for a reference from elsewhere.
     """
-    if log.truth_kind is not TruthKind.SENSOR:
-        return 0.0
-    return max((sensor.bias.total_std for sensor in rig.sensors_of("angle")), default=0.0)
-
-
-Part = dict[str, tuple[str, ...]]
-"""The fields of a `LearnedMap` that say what it speaks of and reads."""
+    return max((s.bias.total_std for s in reference_sensors(rig, logs)), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -529,14 +525,6 @@ class MapFit:
     start: Rig
     errors: Mapping[str, Sequence[HeldOut]] = field(default_factory=dict)
 
-    @property
-    def parts(self) -> list[Part]:
-        """What each map speaks of and reads."""
-        return [
-            {"joints": m.joints, "channels": m.channels, "positions": m.positions}
-            for m in self.maps
-        ]
-
     def held_out(self, log: int) -> list[HeldOut]:
         """Return the errors of each joint on a log, by its index."""
         return [self.errors[joint][log] for joint in self.start.joint_names]
@@ -546,24 +534,23 @@ def map_of(
     data: Sequence[Samples],
     rig: Rig,
     kind: str,
-    parts: Sequence[Part],
     folds: Sequence[int],
     homing: float | None,
 ) -> MapFit:
-    """Return the maps of a kind that logs teach.
+    """Return the maps of a kind that logs teach, one for each independent part of the rig.
 
     Args:
         data: the samples of each log, of all sensors and joints.
         kind: ``readings``: of the angles, by readings alone; ``filter``: of what the angles of
             `adaptive` lack.
-        parts: what each map speaks of and reads.
         folds: the fold of each log.
         homing: length of the homing window [s], or None.
     """
-    names = [sensor.name for sensor in channels_of(rig, "regression").proximal]
+    channels = channels_of(rig, "regression")
+    names = [sensor.name for sensor in channels.proximal]
     maps = []
     errors = dict[str, list[HeldOut]]()
-    for part in parts:
+    for part in parts_of(rig, channels):
         samples = [of_part(log, rig, names, part["joints"], part["channels"]) for log in data]
         learned, held_out = learned_map(samples, part, folds, homing)
         maps.append(learned)
@@ -575,12 +562,17 @@ def with_its_reference_error(of_kind: MapFit, logs: Sequence[Log]) -> MapFit:
     """Return maps with the error of the reference's zero in their band: an encoder that is mounted
     0.2° off is so in all logs, so that no held-out log shows it.
     """
-    variances = reference_variances(of_kind.start, logs)
-    maps = []
-    for learned in of_kind.maps:
-        arrays = dict(learned.arrays.by_name)
-        arrays["noise"] = arrays["noise"] + [variances.get(j, 0.0) for j in learned.joints]
-        maps.append(learned.model_copy(update={"arrays": MapArrays(**arrays)}))
+    variances = {
+        sensor.of: sensor.bias.total_std**2
+        for sensor in reversed(reference_sensors(of_kind.start, logs))
+    }
+    maps = [
+        with_arrays(
+            learned,
+            noise=learned.arrays["noise"] + [variances.get(j, 0.0) for j in learned.joints],
+        )
+        for learned in of_kind.maps
+    ]
     errors = {
         joint: [
             replace(log, variances=log.variances + variances.get(joint, 0.0)) for log in of_logs
@@ -633,8 +625,7 @@ def answering(alone: MapFit, zeros: Mapping[str, float]) -> MapFit:
     for learned in alone.maps:
         mean = learned.arrays["mean"].copy()
         mean[:, 0] -= [zeros.get(joint, 0.0) for joint in learned.joints]
-        arrays = MapArrays(**{**learned.arrays.by_name, "mean": mean})
-        maps.append(learned.model_copy(update={"answers": True, "arrays": arrays}))
+        maps.append(with_arrays(learned, mean=mean).model_copy(update={"answers": True}))
     return replace(alone, maps=tuple(maps))
 
 
@@ -646,16 +637,6 @@ def _pooled_errors(beside: HeldOut, alone: HeldOut) -> HeldOut:
     shares = variances[::-1] / variances.sum(axis=0)
     mean = np.sum(shares * errors, axis=0)
     return HeldOut(time, mean, np.sum(shares * (variances + errors**2), axis=0) - mean**2)
-
-
-def logs_read(
-    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None
-) -> list[Log]:
-    """Return the logs, those read that are no `Log` yet; `truth` is the column of the true
-    angle.
-    """
-    sources = [logs] if isinstance(logs, (Log, str, Path)) else logs
-    return [log if isinstance(log, Log) else read_log(log, rig, truth) for log in sources]
 
 
 USUAL_SPREAD = 0.4
@@ -693,14 +674,13 @@ def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[Lea
         # at rest nobody knows on which side of a wide play a force is
         of_usable = [folds[i] for i in usable]
         learned, held_out = learned_map(data, described, of_usable, plays=(1.0,))
-        arrays = dict(learned.arrays.by_name)
         # no variance is asked: the errors on logs left out are what is known of it
-        arrays["covariance"] = np.zeros_like(arrays["covariance"])
+        learned = with_arrays(learned, covariance=0.0 * learned.arrays["covariance"])
+        whitener = whitening(learned.arrays["correlation"])
         errors = [np.array([log.errors for log in logs]) for logs in zip(*held_out)]
-        scaled = [whitening(arrays["correlation"]) @ (e.T / learned.rms).T for e in errors]
+        scaled = [whitener @ (e.T / learned.rms).T for e in errors]
         times = [log.time for log in held_out[0]]
-        update = {"arrays": MapArrays(**arrays), "normal": _largest_means(times, scaled)}
-        maps.append(learned.model_copy(update=update))
+        maps.append(learned.model_copy(update={"normal": _largest_means(times, scaled)}))
     return tuple(maps)
 
 
@@ -709,9 +689,7 @@ def _of_efforts(log: Log, forces: Sequence[str], positions: Sequence[str]) -> Sa
         np.column_stack([log.channels[name] for name in names]) for names in (positions, forces)
     )
     targets[~np.isfinite(targets).all(axis=1)] = np.nan  # their errors are asked together
-    none = np.zeros((len(log), 0))
-    time = log.time - log.time[0]
-    return Samples(log.source, time, readings, none, targets, np.zeros(targets.shape))
+    return Samples.of_readings(log, readings, targets)
 
 
 def _largest_means(times: Sequence[Floats], errors: Sequence[Floats]) -> tuple[float, ...]:

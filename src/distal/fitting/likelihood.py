@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -50,48 +50,6 @@ rounding (squares that overflow).
 """
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchSettings:
-    """How a search for the least −ln p goes, and when it ends. Source: benchmark (python -m
-    benchmarks.searches).
-
-    Args:
-        settled: predicted gain of −ln p in the next step, below which the search ends: that of a
-            tenth of a standard error.
-        enough: gain of −ln p, below which two steps in a row end the search: the kinks of a
-            filter's −ln p have the default's size.
-        iterations: largest number of iterations.
-        first_iterations: number after which the weights of the channels' values are found again.
-        first_damping: damping of the first iteration, the share of the information's diagonal that
-            is added to it.
-        least_damping: least such damping.
-        dampings: factors on the damping of the last step: steps with these dampings are tried side
-            by side, beside the undamped one.
-        first_width: width of the differences that give the first slopes, as a share of a value, or
-            of its scale where it may be zero.
-        slope_width: width of the later ones, as a share of the std that a parameter would have if
-            all others were known: over less, kinks of friction look like information
-            (docs/explanation/learning.md).
-        smallest_width: least width, as a share of a parameter's value.
-        smallest_noise_width: the same for the size of a noise, which also changes where a joint
-            slips.
-        wider: factor on the width after a step that gained too little.
-    """
-
-    settled: float = 5e-3
-    enough: float = 0.3
-    iterations: int = 30
-    first_iterations: int = 3
-    first_damping: float = 1e-2
-    least_damping: float = 1e-6
-    dampings: tuple[float, float] = (1 / 8, 8.0)
-    first_width: float = 1e-2
-    slope_width: float = 0.3
-    smallest_width: float = 1e-3
-    smallest_noise_width: float = 0.05
-    wider: float = 4.0
-
-
 @dataclass(frozen=True)
 class Innovations:
     """The innovations ν of a run of the filter over a log, NaN where nothing is compared, and their
@@ -104,12 +62,9 @@ class Innovations:
     @property
     def bounded(self) -> bool:
         """Whether the filter stayed within all bounds."""
-        compared = np.isfinite(self.values)
-        spread = self.variances[compared]
-        sizes = np.abs(self.values[compared])
-        return bool(
-            np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(sizes < UNBOUNDED)
-        )
+        is_bounded = (self.variances > 0.0) & (self.variances < UNBOUNDED)
+        is_bounded &= np.abs(self.values) < UNBOUNDED
+        return bool(np.all(is_bounded | ~np.isfinite(self.values)))
 
 
 @dataclass(frozen=True)
@@ -159,7 +114,7 @@ def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
         ratios = [
             run.values[mask, k] ** 2 / run.variances[mask, k] for run, mask in zip(runs, compared)
         ]
-        pooled = np.concatenate(ratios) if ratios else np.zeros(0)
+        pooled = np.concatenate(ratios)
         if len(pooled):
             plain = max(1.0, float(np.median(pooled)) / NORMAL_MEDIAN)
             scales[k] = max(1.0, float(np.mean(np.minimum(pooled, limit * plain))))
@@ -174,16 +129,13 @@ def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
     Econometrica 55, 1987; of wrong models Müller, Econometrica 81, 2013). A span lasts `CORRELATED`
     s by `times`, the stamps of each run's samples [s], (k,).
     """
-    m = runs[0].values.shape[1]
-    plain = np.zeros(m)
-    together = np.zeros(m)
+    plain = together = np.zeros(runs[0].values.shape[1])
     for run, stamps in zip(runs, times):
         spans = np.floor((stamps - stamps[0]) / CORRELATED).astype(int)
-        for k in range(m):
-            compared = np.isfinite(run.values[:, k])
-            normalized = run.values[compared, k] / np.sqrt(run.variances[compared, k])
-            plain[k] += np.sum(normalized**2)
-            together[k] += np.sum(np.bincount(spans[compared], normalized) ** 2)
+        normalized = np.nan_to_num(run.values / np.sqrt(run.variances))
+        of_spans = [np.bincount(spans, of_channel) for of_channel in normalized.T]
+        plain = plain + np.sum(normalized**2, axis=0)
+        together = together + np.sum(np.square(of_spans), axis=1)
     return 1.0 / np.maximum(1.0, together / np.maximum(plain, 1e-300))
 
 
@@ -195,14 +147,19 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
     """
     if not run.bounded:
         return float("inf")
+    nu, spread, inflation, weight = _weighed(run, weighing)
+    ratio = nu * nu / spread
+    return 0.5 * float(np.sum(weight * (ratio / inflation + np.log(spread * inflation))))
+
+
+def _weighed(run: Innovations, weighing: Weighing) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return ν, c S, the factor by which c S is enlarged, and w of all values compared, (n,)."""
     compared = np.isfinite(run.values)
-    shape = run.values.shape
     nu = run.values[compared]
     spread = (run.variances * weighing.scale)[compared]
-    ratio = nu * nu / spread
-    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[compared])
-    weight = np.broadcast_to(weighing.share * evened(run, weighing), shape)[compared]
-    return 0.5 * float(np.sum(weight * (ratio / inflation + np.log(spread * inflation))))
+    of_channel = (weighing.tolerance, weighing.share * evened(run, weighing))
+    tolerance, weight = (np.broadcast_to(x, compared.shape)[compared] for x in of_channel)
+    return nu, spread, np.maximum(1.0, nu * nu / spread / tolerance), weight
 
 
 def evened(run: Innovations, weighing: Weighing) -> Floats:
@@ -229,31 +186,23 @@ def derivatives_of(
     Args:
         base: the run at the point.
         ends: for each coordinate the run at the end of a step.
-        widths: the steps, (n,); 0 for a coordinate that is not varied.
+        widths: the steps, (n,).
         weighing: weights of the log's values.
     """
     compared = np.isfinite(base.values)
-    shape = base.values.shape
-    nu = base.values[compared]
-    spread = (base.variances * weighing.scale)[compared]
-    slopes = np.zeros((len(ends), len(nu)))
-    log_slopes = np.zeros((len(ends), len(nu)))
-    for k, end in enumerate(ends):
-        if widths[k] != 0.0:
-            with np.errstate(all="ignore"):  # an end may have left all bounds
-                slopes[k] = (end.values - base.values)[compared] / widths[k]
-                log_slopes[k] = np.log(end.variances / base.variances)[compared] / widths[k]
+    nu, spread, inflation, weight = _weighed(base, weighing)
+    with np.errstate(all="ignore"):  # an end may have left all bounds
+        slopes = [(end.values - base.values)[compared] for end in ends]
+        log_slopes = [np.log(end.variances / base.variances)[compared] for end in ends]
+        steps = np.reshape([slopes, log_slopes], (2, len(ends), len(nu))) / widths[:, None]
     # what is compared may change at the ends (a slider at a stop): such a sample has no slope
-    slopes[~(np.abs(slopes) < UNBOUNDED)] = 0.0
-    log_slopes[~(np.abs(log_slopes) < UNBOUNDED)] = 0.0
-    ratio = nu * nu / spread
-    inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[compared])
+    slope, log_slope = np.where(np.abs(steps) < UNBOUNDED, steps, 0.0)
     inlier = inflation <= 1.0
-    weight = np.broadcast_to(weighing.share * evened(base, weighing), shape)[compared]
     influence = np.where(inlier, nu / spread, 1.0 / np.where(nu == 0.0, 1.0, nu))
-    scores = weight * (slopes * influence + 0.5 * log_slopes * np.where(inlier, 1.0 - ratio, 0.0))
-    root = slopes * np.sqrt(weight / (spread * inflation))
-    spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
+    surprise = np.where(inlier, 1.0 - nu * nu / spread, 0.0)
+    scores = weight * (slope * influence + 0.5 * log_slope * surprise)
+    root = slope * np.sqrt(weight / (spread * inflation))
+    spreads = np.sqrt(0.5 * weight) * log_slope * inlier
     information = root @ root.T + spreads @ spreads.T
     return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information)
 
@@ -311,7 +260,7 @@ class Data:
     last: NDArray[np.intp]
 
 
-class FitFilter:
+class FitFilter(AdaptiveFilter):
     """The filter of a fit: the free parameters are inputs of its kernel, and several runs go
     through it side by side.
 
@@ -329,29 +278,28 @@ class FitFilter:
         free: Sequence[Free],
         compiled: bool = True,
     ) -> None:
-        self.rig = rig
-        self.references = tuple(references)
-        self.estimator = AdaptiveFilter(
+        super().__init__(
             rig,
             "lanes" if compiled else False,
             Robustness.fitting(),
             name="fit",
-            references=self.references,
+            references=references,
             inputs=[path for part in free for path in part.paths],
             resolution=FINE,
         )
+        self.references = tuple(references)
 
     def data_of(self, log: Log) -> Data:
         """Return a log, ready for the filter.
 
         The known angles are the readings of the references, NaN where they are not known.
         """
-        estimator = self.estimator
         joints = self.rig.joint_names
-        names = estimator.channels[: -len(self.references)]
-        proximal = samples_of(log, names, "fit").copy()
-        for sensor in estimator.states.context.channels.positions:
-            centre, away = estimator.states.context.possible_positions(sensor)
+        context = self.states.context
+        names = self.channels[: -len(self.references)]
+        proximal = samples_of(log, names, self.name).copy()
+        for sensor in context.channels.positions:
+            centre, away = context.possible_positions(sensor)
             column = proximal[:, names.index(sensor.name)]
             column[np.abs(column - centre) > away] = np.nan
         angles = true_angles(log, joints)
@@ -361,8 +309,8 @@ class FitFilter:
         # parameters
         stopped = in_stops(log.time, truth, self.rig)
         samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
-        samples[stopped.all(axis=1), estimator.bridged :] = np.nan
-        rows, last = estimator.rows(np.diff(log.time, prepend=log.time[0]), samples)
+        samples[stopped.all(axis=1), self.bridged :] = np.nan
+        rows, last = self.rows(np.diff(log.time, prepend=log.time[0]), samples)
         return Data(log, samples, rows, last)
 
 
@@ -401,7 +349,6 @@ class Problem:
         workers: number of threads; the result does not depend on it.
         weight: weights of the channels' values; None before they are assessed.
         noises: free noises that are not varied.
-        settings: how a search for the least −ln p goes.
     """
 
     asks_equations: ClassVar[bool] = False
@@ -421,7 +368,6 @@ class Problem:
     workers: int = 2
     weight: Weight | None = None
     noises: tuple[Free, ...] = ()
-    settings: SearchSettings = field(default_factory=SearchSettings)
 
     def assessed(self, z: Floats) -> Problem:
         """Return the problem with the weights of the channels' values as found at a point z,
@@ -445,7 +391,7 @@ class Problem:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the channels that are compared, (m,)."""
-        return self.filter.estimator.measured
+        return self.filter.measured
 
     @cached_property
     def _is_reference(self) -> Bools:
@@ -455,7 +401,7 @@ class Problem:
     @cached_property
     def positions(self) -> list[list[int]]:
         """For each free parameter, the indices of its paths among the kernel's parameters."""
-        names = self.filter.estimator.parameter_names
+        names = self.filter.parameter_names
         return [[names.index(path) for path in part.paths] for part in self.free]
 
     @cached_property
@@ -491,8 +437,7 @@ class Problem:
 
     def columns(self, log: int) -> list[int]:
         """Return for each free parameter the index of the coordinate that holds it in a log."""
-        positions = {(id(part), of_log): k for k, (part, of_log) in enumerate(self.parts)}
-        return [positions[id(part), log if part.per_log else None] for part in self.free]
+        return [self.parts.index((part, log if part.per_log else None)) for part in self.free]
 
     def run(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
         """Return the innovations of some runs, each given by the index of a log and by its
@@ -509,33 +454,28 @@ class Problem:
             runs = advance_all(self._kernel, [self._feed(*tasks[k]) for k in group], keep=())
             return [self._compared(tasks[k][0], run.ys) for k, run in zip(group, runs)]
 
-        if self.workers < 2 or len(groups) < 2:
-            done = [work(group) for group in groups]
-        else:
-            with ThreadPoolExecutor(self.workers) as pool:
-                done = list(pool.map(work, groups))
+        with ThreadPoolExecutor(self.workers) as pool:
+            done = list(pool.map(work, groups))
         innovations = dict(zip(order, itertools.chain.from_iterable(done)))
         return [innovations[k] for k in range(len(tasks))]
 
     @property
     def _kernel(self) -> Kernel:
-        return self.filter.estimator.kernel
+        return self.filter.kernel
 
     def _feed(self, log: int, z: Floats) -> Feed:
         """Return the kernel's input for a log at its coordinates."""
         p = self.parameters(z)
-        mean, covariance, memory = self.filter.estimator.prior(
-            first_values(self.data[log].samples), p
-        )
+        mean, covariance, memory = self.filter.prior(first_values(self.data[log].samples), p)
         return Feed(np.concatenate([mean, covariance.ravel(), memory]), self._rows[log], p)
 
     def parameters(self, z: Floats) -> Floats:
         """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free
         parameter.
         """
-        p = np.array(self.filter.estimator.parameters)
+        p = np.array(self.filter.parameters)
         for part, positions, coordinate in zip(self.free, self.positions, z):
-            p[positions] = part.values(float(coordinate))
+            p[positions] = part.values(part.value(float(coordinate)))
         return p
 
     @cached_property
@@ -550,7 +490,7 @@ class Problem:
             late = data.last[times - times[0] >= (0.0 if self.homing is None else self.homing)]
             rows[late, -len(self.filter.references) :] *= COMPARED_ONLY
             if self.open_loop:
-                channels = self.filter.estimator.channels
+                channels = self.filter.channels
                 forces = [name for name, of in zip(self.measured, self._is_reference) if not of]
                 width = 1 + len(channels)
                 rows[:, [width + channels.index(name) for name in forces]] *= COMPARED_ONLY
@@ -563,10 +503,9 @@ class Problem:
 
     def _compared(self, log: int, ys: Floats) -> Innovations:
         data = self.data[log]
-        values, variances = self.filter.estimator.innovations_of(ys[data.last], data.samples)
+        values, variances = self.filter.innovations_of(ys[data.last], data.samples)
         if self.homing is not None or self.open_loop:
-            values = values.copy()
-            values[:, ~self._is_reference] = np.nan
+            values = np.where(self._is_reference, values, np.nan)
         if self.homing is not None:
             values[data.log.time - data.log.time[0] < self.homing] = np.nan
         return Innovations(values, variances)
@@ -581,10 +520,8 @@ class Problem:
     def _weighing(self, log: int, scale: Floats) -> Weighing:
         """Return the weights, tolerances and scales for the values of a log's channels."""
         none = np.zeros(len(self.measured))
-        weight = self.weight
-        if weight is None:
-            return Weighing(self._tolerance, none + self.power, none, scale)
-        return Weighing(self._tolerance, weight.share, weight.counts[log], scale)
+        weight = self.weight or Weight(none + self.power, {})
+        return Weighing(self._tolerance, weight.share, weight.counts.get(log, none), scale)
 
     def scales(self, runs: Sequence[Innovations]) -> Floats:
         """Return c of each channel, (m,): the factor, at least 1, by which the innovations'
@@ -604,16 +541,13 @@ class Problem:
         costs = []
         for k, z in enumerate(points):
             log_runs = runs[k :: len(points)]
-            costs.append(
-                self._cost(log_runs) + self._prior(z)
-                if all(run.bounded for run in log_runs)
-                else np.inf
-            )
+            cost = np.inf
+            if all(run.bounded for run in log_runs):
+                scale = self.scales(log_runs)
+                pairs = zip(self.logs, log_runs)
+                cost = sum(cost_of(run, self._weighing(j, scale)) for j, run in pairs)
+            costs.append(cost + self._prior(z))
         return np.array(costs)
-
-    def _cost(self, runs: Sequence[Innovations]) -> float:
-        scale = self.scales(runs)
-        return sum(cost_of(run, self._weighing(j, scale)) for j, run in zip(self.logs, runs))
 
     def _prior(self, z: Floats) -> float:
         return 0.5 * float(z @ self.prior_information @ z)
@@ -627,29 +561,24 @@ class Problem:
         """
         low, high = self.bounds.T
         ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))
-        tasks = list[tuple[int, Floats]]()
+        steps = []
         for j in self.logs:
-            positions = self.columns(j)
-            tasks.append((j, z[positions]))
-            varied = np.eye(len(positions), dtype=bool)[widths[positions] != 0.0]
-            tasks += [
-                (j, np.where(is_varied, ends[positions], z[positions])) for is_varied in varied
-            ]
+            at = np.array(self.columns(j))
+            steps.append((j, at, at[widths[at] != 0.0]))
+        tasks = [
+            (j, np.where(at == k, ends[at], z[at]))
+            for j, at, varied in steps
+            for k in (-1, *varied)  # none, then one after the other
+        ]
         runs = iter(self.run(tasks))
-        bases = list[Innovations]()
-        sides = list[list[Innovations]]()
-        for j in self.logs:
-            base = next(runs)
-            bases.append(base)
-            sides.append([next(runs) if width else base for width in widths[self.columns(j)]])
-        scale = self.scales(bases)
+        of_logs = [(next(runs), [next(runs) for _ in varied]) for *_, varied in steps]
+        scale = self.scales([base for base, _ in of_logs])
         cost = self._prior(z)
         gradient = self.prior_information @ z
         information = np.zeros((self.size, self.size))
-        for j, base, side in zip(self.logs, bases, sides):
-            at = self.columns(j)
-            part = derivatives_of(base, side, (ends - z)[at], self._weighing(j, scale))
+        for (j, _, varied), (base, sides) in zip(steps, of_logs):
+            part = derivatives_of(base, sides, (ends - z)[varied], self._weighing(j, scale))
             cost += part.cost
-            gradient[at] += part.gradient
-            information[np.ix_(at, at)] += part.information
+            gradient[varied] += part.gradient
+            information[np.ix_(varied, varied)] += part.information
         return Derivatives(cost, gradient, information)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -22,16 +21,72 @@ from distal.fitting.parameters_and_priors import (
     Progress,
     assignments,
     choose,
-    described,
-    searching,
 )
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency
-from distal.rig import Rig, Sensor
+from distal.rig import Rig, part_at
 
 OnStep = Callable[[int, float], None]
 """A function that is called with the iteration and −ln p after each step."""
+
+
+SETTLED = 5e-3
+"""Predicted gain of −ln p in the next step, below which a search ends: that of a tenth of a
+standard error. Source: benchmark (python -m benchmarks.searches).
+"""
+
+ENOUGH = 0.3
+"""Gain of −ln p, below which two steps in a row end a search: the kinks of a filter's −ln p.
+Source: benchmark (python -m benchmarks.searches).
+"""
+
+ITERATIONS = 30
+"""Largest number of iterations. Source: benchmark (python -m benchmarks.searches)."""
+
+FIRST_ITERATIONS = 3
+"""Number of iterations after which the weights of the channels' values are found again. Source:
+benchmark (python -m benchmarks.searches).
+"""
+
+FIRST_DAMPING = 1e-2
+"""Damping of the first iteration, the share of the information's diagonal that is added to it.
+Source: benchmark (python -m benchmarks.searches).
+"""
+
+LEAST_DAMPING = 1e-6
+"""Least such damping. Source: benchmark (python -m benchmarks.searches)."""
+
+DAMPINGS = (1 / 8, 8.0)
+"""Factors on the damping of the last step: steps with these dampings are tried side by side, beside
+the undamped one. Source: benchmark (python -m benchmarks.searches).
+"""
+
+FIRST_WIDTH = 1e-2
+"""Width of the differences that give the first slopes, as a share of a value, or of its scale where
+it may be zero. Source: benchmark (python -m benchmarks.searches).
+"""
+
+SLOPE_WIDTH = 0.3
+"""Width of the later ones, as a share of the std that a parameter would have if all others were
+known: over less, kinks of friction look like information (docs/explanation/learning.md). Source:
+benchmark (python -m benchmarks.searches).
+"""
+
+SMALLEST_WIDTH = 1e-3
+"""Least width, as a share of a parameter's value. Source: benchmark (python -m
+benchmarks.searches).
+"""
+
+SMALLEST_NOISE_WIDTH = 0.05
+"""The same for the size of a noise, which also changes where a joint slips. Source: benchmark
+(python -m benchmarks.searches).
+"""
+
+WIDER = 4.0
+"""Factor on the width after a step that gained too little. Source: benchmark (python -m
+benchmarks.searches).
+"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +117,7 @@ def most_likely(
     The search begins at `start`, (n,).
     """
     problem = problem.assessed(start)
-    begun = search(problem, start, progress, most=problem.settings.first_iterations)
+    begun = search(problem, start, progress, most=FIRST_ITERATIONS)
     if begun.interrupted:
         return problem, begun
     problem = problem.assessed(begun.z)
@@ -90,29 +145,28 @@ def search(
         problem: what is minimised.
         start: coordinates, (n,).
         progress: called with the iteration and −ln p after each step.
-        most: largest number of iterations; default `SearchSettings.iterations`.
+        most: largest number of iterations; default `ITERATIONS`.
         fixed: which coordinates stay as they are, (n,).
         near: derivatives near the start, which give the widths of the first differences.
     """
-    settings = problem.settings
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
     z = _inside(problem, start)
     widths = first_widths(problem) if near is None else widths_at(problem, z, near)
     n = problem.size  # an interruption may come before the first derivatives
     optimum = Optimum(z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n))))
     wider = 1.0
-    damping = settings.first_damping
+    damping = FIRST_DAMPING
     try:
         derivatives = problem.derivatives(z, np.where(free, widths, 0.0))
         optimum = Optimum(z, derivatives.cost, derivatives)
-        last = settings.iterations if most is None else most
+        last = ITERATIONS if most is None else most
         for iteration in range(1, last + 1):
-            dampings = [0.0, *(damping * times for times in settings.dampings)]
+            dampings = [0.0, *(damping * times for times in DAMPINGS)]
             steps = [
                 damped_step(problem, optimum.z, derivatives, free, share) for share in dampings
             ]
             predicted = steps[0][1]
-            if predicted < settings.settled:
+            if predicted < SETTLED:
                 return replace(optimum, converged=True)
             points = [_inside(problem, optimum.z + step) for step, _ in steps]
             costs = problem.costs(points)
@@ -122,15 +176,11 @@ def search(
                 progress(iteration, min(float(costs[best]), optimum.cost))
             if gained > 0.0:
                 optimum = replace(optimum, z=points[best], cost=float(costs[best]))
-            if gained < settings.enough and wider > 1.0:
+            if gained < ENOUGH and wider > 1.0:
                 return replace(optimum, converged=True)
-            wider = settings.wider if gained < settings.enough else 1.0
-            following = (
-                max(dampings[best], damping * settings.dampings[0])
-                if gained > 0.0
-                else damping * settings.dampings[-1]
-            )
-            damping = max(following, settings.least_damping)
+            wider = WIDER if gained < ENOUGH else 1.0
+            following = max(dampings[best], dampings[1]) if gained > 0.0 else dampings[-1]
+            damping = max(following, LEAST_DAMPING)
             if iteration < last:
                 widths = wider * widths_at(problem, optimum.z, derivatives)
                 derivatives = problem.derivatives(optimum.z, np.where(free, widths, 0.0))
@@ -150,25 +200,24 @@ def hessian(problem: Problem, derivatives: Derivatives) -> Floats:
 
 def first_widths(problem: Problem) -> Floats:
     """Return the width of the differences that give the first slopes, (n,)."""
-    return np.array([problem.settings.first_width * part.unit(0.0) for part, _ in problem.parts])
+    return np.array([FIRST_WIDTH * part.unit(0.0) for part, _ in problem.parts])
 
 
 def widths_at(problem: Problem, z: Floats, derivatives: Derivatives) -> Floats:
-    """Return the width of the differences that give the slopes at z, (n,): the settings'
-    `slope_width` of each parameter's std if all others were known.
+    """Return the width of the differences that give the slopes at z, (n,): `SLOPE_WIDTH` of each
+    parameter's std if all others were known.
 
     As a share of the value it is rounded to a power of two, so that two parameters that show only
     as a product meet the same kinks.
     """
-    settings = problem.settings
     units = np.array([part.unit(float(at)) for (part, _), at in zip(problem.parts, z)])
     alone = 1.0 / np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-300))
     least = np.where(
         [part.noise for part, _ in problem.parts],
-        settings.smallest_noise_width,
-        settings.smallest_width,
+        SMALLEST_NOISE_WIDTH,
+        SMALLEST_WIDTH,
     )
-    share = np.clip(settings.slope_width * alone / units, least, settings.first_width * 8)
+    share = np.clip(SLOPE_WIDTH * alone / units, least, FIRST_WIDTH * 8)
     widths: Floats = units * 2.0 ** np.round(np.log2(share))
     return widths
 
@@ -274,18 +323,13 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
         if not (part.noise and part.has_prior):
             continue
         growth = part.value(float(at)) / part.start
-        text = (
-            f"the logs do not look like this rig: {part.name} had to become {growth:.1f} times "
-            "what the rig says"
-        )
-        if part.paths[0].endswith(".unmodelled") and growth > LARGEST_NOISE_GROWTH:
-            doubts.append(f"{text}, so that the joint hardly follows the model; {ADVICE}")
-        if (
-            part.paths[0].startswith("sensors.")
-            and not part.kept_by_file
-            and growth > LARGEST_NOISE_GROWTH
-        ):
-            doubts.append(f"{text}; {ADVICE}")
+        unmodelled = part.paths[0].endswith(".unmodelled")
+        if growth > LARGEST_NOISE_GROWTH and (unmodelled or part.paths[0].startswith("sensors.")):
+            hardly = ", so that the joint hardly follows the model" if unmodelled else ""
+            doubts.append(
+                f"the logs do not look like this rig: {part.name} had to become {growth:.1f} times "
+                f"what the rig says{hardly}; {ADVICE}"
+            )
     return doubts
 
 
@@ -352,7 +396,15 @@ class ParameterEstimates:
 
     def put_into(self, rig: Rig, hold: bool = False) -> Rig:
         """Return a rig with these parameters; with `hold` filters take them as exactly known."""
-        return described(rig, assignments(self.fitted, self.problem.filter.rig, hold))
+        values = assignments(self.fitted, self.problem.filter.rig, hold)
+        # a reference sensor that only the fit has is no part of the rig
+        return rig.with_values(
+            {
+                path: value
+                for path, value in values.items()
+                if part_at(rig, ".".join(path.split(".")[:2])) is not None
+            }
+        )
 
 
 def parameters_of(
@@ -368,10 +420,7 @@ def parameters_of(
         FitError: the filter leaves all bounds on the logs.
     """
     equations = by_equations(problem, options, progress)
-    slow = (
-        joint_frequency(problem.filter.estimator.states.context.mechanism) * SMOOTHED
-        < FOLLOWS_DRIVES
-    )
+    slow = joint_frequency(problem.filter.states.context.mechanism) * SMOOTHED < FOLLOWS_DRIVES
     if equations is not None and (not slow or equations.optimum.interrupted):
         return [equations]
     return [
@@ -400,7 +449,7 @@ def by_equations(
         if begin is None
         else _translated(begin.problem, begin.optimum.z, equations)
     )
-    return searched(equations, start, searching(progress, "by its equations"))
+    return searched(equations, start, progress)
 
 
 def by_filter(
@@ -419,7 +468,7 @@ def by_filter(
         starts.insert(0, _translated(begin.problem, begin.optimum.z, problem))
     for start, cost in zip(starts, problem.costs(starts)):
         if np.isfinite(cost):
-            return searched(problem, start, searching(progress, "by its filter"))
+            return searched(problem, start, progress)
     raise FitError(DIVERGED.format(problem.filter.rig.name))
 
 
@@ -436,12 +485,18 @@ def _translated(problem: Problem, z: Floats, target: Problem) -> Floats:
 def searched(
     problem: Problem,
     start: Floats,
-    progress: Callable[[int, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> ParameterEstimates:
     """Return the estimates from the most likely parameters of a problem, by a search from the
     coordinates `start`, (n,), that tells its `progress`.
     """
-    problem, optimum = most_likely(problem, start, progress)
+    stage = "by its equations" if problem.asks_equations else "by its filter"
+
+    def said(iteration: int, _: float) -> None:
+        if progress is not None:
+            progress(f"{stage}, step {iteration}")
+
+    problem, optimum = most_likely(problem, start, said)
     covariance = covariance_at(problem, optimum.derivatives)
     nis = nis_of(problem, optimum.z)
     doubts = list[str]()
@@ -469,7 +524,7 @@ def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEst
     optimum = search(
         of_others,
         parameters.optimum.z,
-        most=problem.settings.first_iterations,
+        most=FIRST_ITERATIONS,
         fixed=np.array([log in out for _, log in problem.parts]),
         near=parameters.optimum.derivatives,
     )
@@ -493,31 +548,17 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
         FitError: nothing is free, or the filter leaves all bounds on the logs.
     """
     joints = rig.joint_names
-    with_truth = [log for log in logs if true_angles(log, joints) is not None]
-    if with_truth:
-        with_reference, references = with_references(rig, with_truth[0])
+    known = next((log for log in logs if true_angles(log, joints) is not None), None)
+    if known is not None:
+        with_reference, references = with_references(rig, known)
     else:  # the filter of a fit always has a reference; here it has no value in any log
         with_reference, added = added_reference(rig, logs[0].rate)
         references = (added,)
-    asked = options.free
-    per_log = options.per_log
-    noise = options.noise
-    homing = options.homing is not None
-    free = choose(
-        with_reference,
-        references,
-        asked,
-        per_log,
-        noise=noise,
-        homing=homing,
-        several=len(logs) > 1,
-    )
-    if not with_truth:
+    free = choose(with_reference, references, options, several=len(logs) > 1)
+    if known is None:
         of_reference = f"sensors.{len(with_reference.sensors) - 1}."
-        free = tuple(
-            part for part in free if not all(path.startswith(of_reference) for path in part.paths)
-        )
-    fit_filter = _filter(with_reference, references, free, options.compiled)
+        free = tuple(part for part in free if not part.paths[0].startswith(of_reference))
+    fit_filter = FitFilter(with_reference, references, free, options.compiled)
     data = tuple(fit_filter.data_of(log) for log in logs)
     problem = Problem(fit_filter, free, data, homing=options.homing, workers=options.workers)
     if not Equations.apply_to(fit_filter) and not np.isfinite(
@@ -525,14 +566,6 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     ):
         raise FitError(DIVERGED.format(rig.name))
     return problem
-
-
-@lru_cache(maxsize=2)
-def _filter(
-    rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], compiled: bool
-) -> FitFilter:
-    """Return the filter of a fit; the folds of a fit share it, so that it is compiled once."""
-    return FitFilter(rig, references, free, compiled)
 
 
 def fitted_parameters(
@@ -548,37 +581,17 @@ def fitted_parameters(
     for k, part in enumerate(problem.free):
         positions = sorted({columns[k] for columns in coordinates})
         by_log = np.array([part.value(optimum.z[position]) for position in positions])
-        slopes = np.array([part.slope(optimum.z[position]) for position in positions])
-        mean = float(by_log.mean())
-        values = tuple(
-            mean if len(set(part.starts)) == 1 else mean * start / part.start
-            for start in part.starts
-        )
-        per_log = tuple(map(float, by_log)) if part.per_log else ()
-        fitted = replace(_fitted(part, values), value=mean, per_log=per_log)
+        error = float("nan")
         if has_errors:
+            slopes = [part.slope(optimum.z[position]) for position in positions]
+            squares = (errors[positions] * slopes) ** 2
+            # of what each log has anew, its scatter counts too
+            scatter = by_log.var(ddof=1) if len(by_log) > 1 else 0.0
             limit = part.std if part.has_prior and not part.noise else np.inf
-            error = min(_error_of_mean(by_log, errors[positions] * slopes), limit)
-            fitted = replace(fitted, error=error)
-        parameters.append(fitted)
+            error = min(float(np.sqrt(scatter + np.mean(squares))), limit)
+        per_log = tuple(by_log.tolist()) if part.per_log else ()
+        parameters.append(part.fitted(float(by_log.mean()), error, per_log))
     return parameters
-
-
-def _error_of_mean(parameters: Floats, errors: Floats) -> float:
-    """Return the standard error of a parameter that each log has anew: from the variance over logs,
-    and the mean of the logs' own squared errors.
-    """
-    return (
-        float(np.sqrt(parameters.var(ddof=1) + np.mean(errors**2)))
-        if len(parameters) > 1
-        else float(errors[0])
-    )
-
-
-def _fitted(part: Free, values: tuple[float, ...]) -> FittedParameter:
-    """Return a parameter after a fit, its errors not yet known."""
-    prior = part.name, part.paths, part.si, part.start, part.std
-    return FittedParameter(*prior, values[0], float("nan"), part.noise, values)
 
 
 def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:
@@ -593,6 +606,4 @@ def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:
         for name in sensors
         if name in problem.measured
     ]
-    factor = min(max(grown, default=1.0), part.high / part.start)
-    values = tuple(factor * start for start in part.starts)
-    return _fitted(part, values)
+    return part.fitted(min(max(grown, default=1.0) * part.start, part.high))

@@ -4,7 +4,7 @@ ones these are (`choose`), by the `Options` of the fit; and what is written of e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import exp, inf, isnan, log, log1p
@@ -95,8 +95,6 @@ class FittedParameter:
     @property
     def std(self) -> float:
         """The std that a fitted file has: its error, where that is less than the prior's."""
-        if not np.isfinite(self.error):
-            return self.prior_std
         return float(np.fmin(self.error, self.prior_std))
 
     @property
@@ -130,6 +128,8 @@ def assignments(
         start: the original rig.
         hold: whether estimators are to take the values as exactly known.
     """
+    positions = [f"sensors.{i}" for i, s in enumerate(start.sensors) if s.measures == "position"]
+    only_grow = (".unmodelled", *(f"{position}.noise" for position in positions))
     changed: dict[str, object] = {}
     for part in parameters:
         if part.value == part.start:
@@ -137,7 +137,7 @@ def assignments(
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
             rounded = 0.0 if abs(value) < SMALLEST else float(f"{value:.{DIGITS}g}")
-            if only_grows(path, start):
+            if path.endswith(only_grow):
                 # these logs did not need so much noise, others may: without it the filter's band
                 # would be too narrow
                 rounded = max(rounded, before.value)
@@ -160,37 +160,11 @@ def _spread(
     varied by one factor.
     """
     shared = before.parameter.shared
-    if (
-        shared is not None
-        and before.parameter.std == 0.0
-        and set(start.sharing()[shared.name]) <= set(part.paths)
-    ):
+    varied = set(part.paths)
+    alone = before.parameter.std > 0.0
+    if shared is not None and not alone and set(start.sharing()[shared.name]) <= varied:
         return {"shared": {"name": shared.name, "std": min(1.0, float(f"{std / abs(value):.3g}"))}}
     return {"std": float(f"{std:.3g}")}
-
-
-def only_grows(path: str, rig: Rig) -> bool:
-    """Return whether a noise is never written smaller than it was: an unmodelled torque, or the
-    noise of a position sensor.
-    """
-    positions = [
-        f"sensors.{i}.noise"
-        for i, sensor in enumerate(rig.sensors)
-        if sensor.measures == "position"
-    ]
-    return path.endswith(".unmodelled") or path in positions
-
-
-def described(rig: Rig, values: Mapping[str, object]) -> Rig:
-    """Return a rig with fitted values by their paths, those of reference sensors that only the fit
-    has left out.
-    """
-    fitted = {
-        path: new
-        for path, new in values.items()
-        if part_at(rig, ".".join(path.split(".")[:2])) is not None
-    }
-    return rig.with_values(fitted) if fitted else rig
 
 
 @dataclass(frozen=True)
@@ -213,7 +187,6 @@ class Free:
             std/start).
         per_log: whether each log has a value of its own.
         noise: whether it is the size of a noise.
-        kept_by_file: whether a fitted file keeps the start where a smaller value was found.
     """
 
     name: str
@@ -227,7 +200,6 @@ class Free:
     logarithmic: bool = False
     per_log: bool = False
     noise: bool = False
-    kept_by_file: bool = False
 
     @property
     def start(self) -> float:
@@ -261,12 +233,20 @@ class Free:
         number = self.start * exp(z) if self.logarithmic else self.start + self.scale * z
         return min(max(number, self.low), self.high)  # rounding may lead beyond a bound
 
-    def values(self, z: float) -> tuple[float, ...]:
-        """Return the values of all parameters at a coordinate."""
-        first = self.value(z)
+    def values(self, first: float) -> tuple[float, ...]:
+        """Return the values of all parameters by that of the first."""
         if len(set(self.starts)) == 1:
             return (first,) * len(self.starts)
         return tuple(first * start / self.start for start in self.starts)
+
+    def fitted(
+        self, value: float, error: float = float("nan"), per_log: tuple[float, ...] = ()
+    ) -> FittedParameter:
+        """Return the parameter after a fit, with the value of the first and its standard error, or
+        with the mean of those of each log, `per_log`.
+        """
+        prior = self.name, self.paths, self.si, self.start, self.std
+        return FittedParameter(*prior, value, error, self.noise, self.values(value), per_log)
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
@@ -298,9 +278,6 @@ def free_parameter(rig: Rig, parameters: Sequence[Number], per_log: bool) -> Fre
         FitError: a parameter is zero and its size unknown.
     """
     first = parameters[0]
-    paths = tuple(parameter.path for parameter in parameters)
-    starts = tuple(parameter.value for parameter in parameters)
-    name = in_words(rig, *paths)
     position = named(rig, first.path)
     if not first.is_parameter:
         return free_noise(rig, parameters)
@@ -314,21 +291,28 @@ def free_parameter(rig: Rig, parameters: Sequence[Number], per_log: bool) -> Fre
             f"'{position}' has no std; what differs from log to log needs one "
             f"(--set {position}.std=…)"
         )
-    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[
-        first.quantity.bound
-    ]
+    shared = _of_all(rig, parameters)
+    name, _, starts = shared
     if 0.0 in starts and len(set(starts)) > 1:
         raise FitError(
             f"'{name}' varies its numbers by one factor, but some are zero; name them one by one"
         )
-    scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
-    std = first.std if first.std > 0.0 else float("nan")
     rough = first.is_rough
+    least = SMALLEST_NUMBER * first.value
+    bounds = {"any": -np.inf, "nonnegative": 0.0, "positive": least}
+    low = least if rough else bounds[first.quantity.bound]
+    scale = first.std or 0.1 * abs(first.value)
+    std = first.std or float("nan")
     si = first.quantity.si
-    low = SMALLEST_NUMBER * first.value if rough else low
-    return Free(
-        name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log
-    )
+    return Free(*shared, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log)
+
+
+def _of_all(
+    rig: Rig, parameters: Sequence[Number]
+) -> tuple[str, tuple[str, ...], tuple[float, ...]]:
+    """Return the name of some parameters in words, their paths and their values."""
+    paths = tuple(parameter.path for parameter in parameters)
+    return in_words(rig, *paths), paths, tuple(parameter.value for parameter in parameters)
 
 
 def free_noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Free:
@@ -343,14 +327,11 @@ def free_noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Fr
             f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
         )
     start = first.value
-    paths = tuple(parameter.path for parameter in parameters)
-    starts = tuple(parameter.value for parameter in parameters)
     std = NOISE_PRIOR * start if prior else float("nan")
-    low = start / NOISE_RANGE
-    high = start * NOISE_RANGE
+    low, high = start / NOISE_RANGE, start * NOISE_RANGE
     si = first.quantity.si
-    name = in_words(rig, *paths)
-    return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
+    shared = _of_all(rig, parameters)
+    return Free(*shared, std, start, low, high, si, logarithmic=True, noise=True)
 
 
 def _log(value: float) -> float:
@@ -359,15 +340,6 @@ def _log(value: float) -> float:
 
 Progress = Callable[[str], None]
 """A function that is called with what the fit is doing, in words."""
-
-
-def searching(progress: Progress | None, stage: str) -> Callable[[int, float], None] | None:
-    """Return the function that a search calls after each iteration, with the iteration and −ln p;
-    None without progress.
-    """
-    if progress is None:
-        return None
-    return lambda iteration, _: progress(f"{stage}, step {iteration}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -392,11 +364,7 @@ much. Source: judgement.
 def choose(
     rig: Rig,
     references: Sequence[Sensor],
-    asked: Sequence[str],
-    per_log: Sequence[str],
-    *,
-    noise: bool,
-    homing: bool,
+    options: Options,
     several: bool = False,
 ) -> tuple[Free, ...]:
     """Return what a fit varies.
@@ -408,27 +376,21 @@ def choose(
     Args:
         rig: the rig with its `references`.
         references: sensors of joints' angles that give the reference.
-        asked: paths of the parameters to vary, ``*`` for all components of a kind; empty for every
-            parameter with a std.
-        per_log: paths of parameters of which each log has its own.
-        noise: whether noise is varied.
-        homing: whether the errors after homing are fitted; the sensors' noise then stays as it is.
+        options: of the fit. With a homing move the sensors' noise stays as it is.
         several: whether there are several logs; each then has its own offsets of the sensors, whose
             std is their scatter.
 
     Raises:
         FitError: nothing is free, or a path cannot be varied.
     """
-    own_of_each = [_asked(rig, path, True) for path in per_log]
-    free = [_asked(rig, path, False) for path in asked] or _uncertain(
+    own_of_each = [_asked(rig, path, True) for path in options.per_log]
+    free = [_asked(rig, path, False) for path in options.free] or _uncertain(
         rig, references, own_of_each, several
     )
     free += own_of_each
-    if noise:
+    if options.noise and options.homing is None:  # else errors tell nothing of a noise
         paths = {path for part in free for path in part.paths}
-        free += [
-            part for part in _noises(rig, references, homing) if not paths.intersection(part.paths)
-        ]
+        free += [part for part in _noises(rig, references) if not paths.intersection(part.paths)]
     seen: dict[str, str] = {}
     for part in free:
         for path in part.paths:
@@ -436,7 +398,7 @@ def choose(
                 names = f"'{seen[path]}' and '{part.name}'"
                 raise FitError(f"'{named(rig, path)}' is asked for twice, by {names}; name it once")
             seen[path] = part.name
-    if not asked and all(part.noise for part in free):
+    if not options.free and all(part.noise for part in free):
         raise FitError(
             f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing "
             "to fit; give the "
@@ -480,19 +442,16 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
     """Return the offsets and gains of the sensors that estimators read, where they have a std; with
     `several` logs each has its own offsets.
     """
-    read = [
-        (i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES
+    read = [i for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
+    errors = [(number(rig, f"sensors.{i}.bias"), several) for i in read]
+    errors += [
+        (number(rig, f"sensors.{i}.gain"), False) for i in read if hasattr(rig.sensors[i], "gain")
     ]
-    parameters = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
-    parameters += [
-        (number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")
+    return [
+        free_parameter(rig, [error], per_log)
+        for error, per_log in errors
+        if error.std > 0.0 and not error.parameter.hold
     ]
-    uncertain = [
-        (bias, per_log)
-        for bias, per_log in parameters
-        if bias.std > 0.0 and not bias.parameter.hold
-    ]
-    return [free_parameter(rig, [bias], per_log) for bias, per_log in uncertain]
 
 
 def _held(rig: Rig) -> list[str]:
@@ -538,7 +497,7 @@ def _asked(rig: Rig, desired: str, per_log: bool) -> Free:
     return free_parameter(rig, parameters, per_log)
 
 
-def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
+def _noises(rig: Rig, references: Sequence[Sensor]) -> list[Free]:
     """Return the noises that are varied: of alike sensors by one factor, of the reference, of
     hysteresis and of the unmodelled torques.
 
@@ -546,36 +505,24 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     only in the forces that it shakes, and would come out too small. The noise of a force that moves
     a play operator is left out too, because that force is smoothed and not compared.
     """
-    if homing:
-        return []  # the errors after homing tell nothing of a sensor's own noise
     angles = {reference.name for reference in references}
     playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
-    groups: dict[tuple[str, str, float], list[int]] = {}
+    alike: dict[tuple[str, str, float], list[Number]] = {}
+    of_references = []
     for i, sensor in enumerate(rig.sensors):
+        noise = number(rig, f"sensors.{i}.noise")
         smooth = sensor.measures == "force" and sensor.of in playing
-        if sensor.measures not in ("position", *REFERENCES) and sensor.noise > 0.0 and not smooth:
-            groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
-    free = []
-    for indices in groups.values():
-        paths = [f"sensors.{i}.noise" for i in indices]
-        free.append(free_noise(rig, [number(rig, path) for path in paths]))
-    for at, sensor in enumerate(rig.sensors):
-        if sensor.name in angles and sensor.noise > 0.0:
-            reference_noise = free_noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
-            free.append(
-                replace(
-                    reference_noise, low=min(max(reference_noise.low, EXACT), reference_noise.start)
-                )
-            )
+        if noise.value == 0.0:
+            continue
+        if sensor.name in angles:
+            part = free_noise(rig, [noise], prior=False)
+            of_references.append(replace(part, low=min(max(part.low, EXACT), part.start)))
+        elif sensor.measures not in ("position", *REFERENCES) and not smooth:
+            alike.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(noise)
     paths = [
         f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None
     ]
-    paths = [path for path in paths if number(rig, path).value > 0.0]
-    paths += [
-        f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0
-    ]
-    free += [
-        replace(free_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled"))
-        for path in paths
-    ]
-    return free
+    paths += [f"joints.{j}.unmodelled" for j in range(len(rig.joints))]
+    alone = [[noise] for path in paths if (noise := number(rig, path)).value > 0.0]
+    of_sensors = [free_noise(rig, noises) for noises in alike.values()]
+    return [*of_sensors, *of_references, *(free_noise(rig, noises) for noises in alone)]

@@ -175,8 +175,8 @@ def expected_readings(
 
 
 def first_time(time: Floats, at: Bools, words: str) -> list[str]:
-    """Return in words what is so `at` some samples, (k,), and when first; nothing where it never
-    is.
+    """Return in words what is so `at` some samples, (k,), and at what `time` first [s]; nothing
+    where it never is.
     """
     return [f"{words}, first at {time[at][0]:.4g} s"] if at.any() else []
 

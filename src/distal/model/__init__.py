@@ -12,12 +12,14 @@ with the speeds, not smoothed.
     print(mechanism.n_bodies, mechanism.parameters.names[:3])
 """
 
-from distal.model.chain import Slip, slipping, solver
 from distal.model.friction import (
     Limit,
+    Slip,
     clip_moments,
     restitution,
+    slipping,
     soft_moments,
+    solver,
 )
 from distal.model.mechanism import GRAVITY, Mechanism, Moment
 from distal.model.stepping import (

@@ -26,8 +26,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import RigError
 from distal.expressions import Matrix, Scalar, Vector, symbols
-from distal.model.chain import Slip, slipping, solver
-from distal.model.friction import Flight, Limit, bounce, restitution
+from distal.model.friction import Flight, Limit, Slip, bounce, restitution, slipping, solver
 from distal.model.mechanism import Mechanism
 
 SHORTEST_KICK = 1e-15

@@ -54,9 +54,11 @@ from distal.regression.posterior import (
     from_prior,
     from_window,
     given,
+    map_from,
     played,
     rates_of,
     shape_for,
+    with_arrays,
 )
 from distal.regression.reported_map import ReportedMap, homed_memory, reporting_function
 
@@ -91,6 +93,7 @@ __all__ = [
     "groups_of",
     "homed_memory",
     "line_errors",
+    "map_from",
     "map_function",
     "map_layout",
     "map_parameters",
@@ -101,5 +104,6 @@ __all__ = [
     "splits",
     "variance_beside",
     "whitening",
+    "with_arrays",
     "yardstick_error",
 ]

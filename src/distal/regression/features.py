@@ -6,9 +6,10 @@ It is the same function live, in C, in vector lanes, and over logs when weights 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, reduce
+from functools import cache, cached_property, reduce
+from itertools import accumulate, pairwise
 
 import casadi as ca
 import numpy as np
@@ -123,7 +124,7 @@ class Shape:
         )
 
 
-@lru_cache(maxsize=32)
+@cache
 def features_function(shape: Shape) -> ca.Function:
     """Return the function (memory, dt, readings, mask, frame) → (outputs, memory⁺).
 
@@ -228,7 +229,7 @@ def _remembered(shape: Shape) -> ca.Function:
     return ca.Function("remembered", [*sample, *frame], outputs)
 
 
-@lru_cache(maxsize=32)
+@cache
 def first_function(shape: Shape) -> ca.Function:
     """Return the function (readings, mask, centre, scale, play) → a map's memory before the first
     sample: the readings of that sample, their centre for those that are missing. A play may be
@@ -253,7 +254,7 @@ def first_function(shape: Shape) -> ca.Function:
     return ca.Function("first", inputs, [memory])
 
 
-@lru_cache(maxsize=32)
+@cache
 def features_kernel(shape: Shape) -> Kernel:
     """Return the kernel (memory, (dt, readings, mask), frame) → (memory⁺, outputs) of a map's
     features over a log.
@@ -292,7 +293,6 @@ def empty_frame(shape: Shape) -> dict[str, Floats]:
     return frame
 
 
-@lru_cache(maxsize=32)
 def map_layout(shape: Shape, joints: int) -> Layout:
     """Return the layout of a map's numbers: features, then weights."""
     n = shape.features.size
@@ -326,7 +326,7 @@ def begun_by(learned: LearnedMap, readings: Expression, mask: Expression) -> Exp
     return memory
 
 
-@lru_cache(maxsize=32)
+@cache
 def map_function(shape: Shape, joints: int, beside_filter: bool = False) -> ca.Function:
     """Return the function of a map: (memory, dt, readings, mask, parameters, doubts, elsewhere,
     chance) → (values, gains, variances, memory⁺).
@@ -395,7 +395,7 @@ def forces_parameters(learned: LearnedMap) -> Floats:
     return np.concatenate([Shape.of(learned).flat(arrays.by_name), *parts])
 
 
-@lru_cache(maxsize=32)
+@cache
 def forces_function(shape: Shape, forces: int) -> ca.Function:
     """Return the function (memory, dt, positions, mask, forces, parameters) → (T², spread,
     memory⁺): how unlike free motion the forces are at these positions, T² = eᵀ Σ⁻¹ e/n, and
@@ -529,6 +529,11 @@ class JudgedJumps:
         return is_read * is_real * count * (was["cost"] - cost), following
 
 
+def apart(vector: VectorNode, sizes: Iterable[int]) -> list[VectorNode]:
+    """Return the parts of a column that follow each other, of these sizes."""
+    return [vector[begin:end] for begin, end in pairwise(accumulate(sizes, initial=0))]
+
+
 def evidence_of_jumps(
     judges: Sequence[JudgedJumps],
     memory: VectorNode,
@@ -547,13 +552,10 @@ def evidence_of_jumps(
     """
     ratios = ca.MX.zeros(off.numel())
     after = [ca.MX(0, 1)]
-    at = number = 0
-    for judge in judges:
-        memory_of = memory[at : at + judge.memory.size]
-        parameters_of = parameters[number : number + judge.parameters]
+    memories = apart(memory, [judge.memory.size for judge in judges])
+    parameters_of_each = apart(parameters, [judge.parameters for judge in judges])
+    for judge, memory_of, parameters_of in zip(judges, memories, parameters_of_each):
         ratio, following = judge.evidence(memory_of, dt, off, real, masks, parameters_of)
-        at += judge.memory.size
-        number += judge.parameters
         after.append(following)
         for k in judge.positions:
             ratios[k] += ratio * (off[k] != real[k])
@@ -601,9 +603,6 @@ def variance_beside(
         towards = towards / frame["lengths"]
         slopes = slopes + towards[:n]
         if shape.moving:
-            into = ca.DM(n * len(HALF_WIDTHS), len(shape.moving))
-            for k, i in enumerate(shape.moving):
-                into[IN_RADIAL * n + i, k] = 1
-            turns = turns + ca.mtimes(ca.densify(into), ca.fabs(towards[n:]))
+            turns[[IN_RADIAL * n + i for i in shape.moving]] += ca.fabs(towards[n:])
     of_readings = ca.dot(slopes[: shape.channels] ** 2, unknown)
     return ca.dot(turns, out["doubt"]) ** 2 / 3 + of_readings

@@ -8,7 +8,7 @@ logs, which shows whether its physical model errs less.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -79,26 +79,18 @@ LAGS = (0.05, 0.2, 0.8)
 """Delays of the earlier readings that "with lags" uses too [s]. Source: judgement."""
 
 
-def _straight(samples: Samples) -> Floats:
-    return samples.held
-
-
-def _with_lags(samples: Samples) -> Floats:
-    since = samples.time - samples.time[0]
-    earlier = [
-        np.column_stack([np.interp(since - lag, since, column) for column in samples.held.T])
-        for lag in LAGS
-    ]
-    return np.column_stack([samples.held, *earlier])
-
-
-YARDSTICKS: Mapping[str, Callable[[Samples], Floats]] = {
-    "least squares": _straight,
-    "least squares with lags": _with_lags,
+YARDSTICKS: Mapping[str, tuple[float, ...]] = {
+    "least squares": (),
+    "least squares with lags": LAGS,
 }
-"""Name → function that returns the columns φ(y) beside the constant, (k, n), from the samples of a
-log.
-"""
+"""Name → delays of the earlier readings that are used beside those of a sample [s]."""
+
+
+def _columns(samples: Samples, lags: Sequence[float]) -> Floats:
+    """Return a constant, the readings of a log, and earlier ones, (k, n)."""
+    time = samples.time
+    earlier = [np.interp(time - lag, time, column) for lag in lags for column in samples.held.T]
+    return np.column_stack([np.ones(len(time)), samples.held, *earlier])
 
 
 def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -> float:
@@ -107,10 +99,7 @@ def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -
 
     It takes all samples of the training logs whose angle is known, see `YARDSTICKS`.
     """
-    test, *designs = (
-        np.column_stack([np.ones(len(log.time)), YARDSTICKS[name](log)])
-        for log in (held_out, *training)
-    )
+    test, *designs = (_columns(log, YARDSTICKS[name]) for log in (held_out, *training))
     squares = []
     for joint in range(held_out.targets.shape[1]):
         targets = [samples.targets[:, joint] for samples in training]

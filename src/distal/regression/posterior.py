@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -20,16 +20,29 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.confidence import BAND, COVERED
 from distal.kernels import Feed, Kernel, advance
+from distal.logs import Log
 from distal.regression.features import Shape, empty_frame, features_along
 from distal.rig import LearnedMap, MapArrays
 
 
 @dataclass(frozen=True)
-class Samples:
+class _OfLog:
+    """Arrays of which each row is a sample of a log."""
+
+    def part(self, rows: Bools) -> Self:
+        """Return the samples that a mask `rows`, (k,), holds."""
+        every = {part.name: getattr(self, part.name) for part in fields(self)}
+        arrays: dict[str, Any] = {
+            name: part[rows] for name, part in every.items() if isinstance(part, np.ndarray)
+        }
+        return replace(self, **arrays)
+
+
+@dataclass(frozen=True)
+class Samples(_OfLog):
     """A log as the input of a map.
 
     Args:
-        source: name of the log.
         time: time since the first sample [s], (k,).
         readings: readings of the channels, NaN where one is missing [SI], (k, m).
         angles: the filter's angles of the joints [rad], which a map may read, (k, n_joints), or
@@ -40,12 +53,19 @@ class Samples:
             n_joints).
     """
 
-    source: str
     time: Floats
     readings: Floats
     angles: Floats
     targets: Floats
     variances: Floats
+
+    @classmethod
+    def of_readings(cls, log: Log, readings: Floats, targets: Floats) -> Samples:
+        """Return the samples of a log for a map on readings alone, (k, m), with the targets that it
+        is to give, NaN where they are not known, (k, n_joints).
+        """
+        since = log.time - log.time[0]
+        return cls(since, readings, np.zeros((len(log), 0)), targets, np.zeros(targets.shape))
 
     @property
     def every(self) -> Floats:
@@ -63,10 +83,6 @@ class Samples:
             last = np.maximum.accumulate(np.where(is_finite, np.arange(len(values)), -1))
             columns.append(values[np.where(last >= 0, last, int(np.argmax(is_finite)))])
         return np.column_stack(columns)
-
-    def part(self, rows: Bools) -> Samples:
-        """Return the samples that a mask `rows`, (k,), holds."""
-        return _part(self, rows)
 
 
 @cache
@@ -146,7 +162,7 @@ LEAST_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Evidence(_OfLog):
     """One log as a joint's map sees it, thinned; only samples whose target is known.
 
     Args:
@@ -181,22 +197,6 @@ class Evidence:
     def moment(self) -> Floats:
         """Σ φ y."""
         return self.phi.T @ self.target
-
-    def rows(self, rows: Bools) -> Evidence:
-        """Return the samples in a mask."""
-        return _part(self, rows)
-
-
-SampleData = TypeVar("SampleData", Samples, Evidence)
-
-
-def _part(data: SampleData, rows: Bools) -> SampleData:
-    """Return a dataclass with the `rows`, (k,), of each of its arrays."""
-    every = {part.name: getattr(data, part.name) for part in fields(data)}
-    arrays: dict[str, Any] = {
-        name: part[rows] for name, part in every.items() if isinstance(part, np.ndarray)
-    }
-    return replace(data, **arrays)
 
 
 @dataclass(frozen=True)
@@ -307,8 +307,8 @@ class Weights:
         after = self
         later = log
         if log.given.any():
-            after = self.given(log.rows(log.given))
-            later = log.rows(~log.given)
+            after = self.given(log.part(log.given))
+            later = log.part(~log.given)
         # an inverse with rounding errors may be indefinite by a little
         spread = np.maximum(np.sum((later.phi @ after.covariance) * later.phi, axis=1), 0.0)
         noise = np.exp(2 * self.prior.noise)
@@ -362,11 +362,9 @@ def shape_for(log: Samples, described: Described, radial: int) -> Shape:
     return Shape(channels, angles, (*moving, *range(channels, channels + angles)), radial)
 
 
-def framed(
-    shape: Shape, logs: Sequence[Samples], usual: Prior, play: float = 1.0
-) -> dict[str, Floats]:
-    """Return the parameters of the features by name: scales, and points where the logs are, for
-    the lengths of the `usual` prior, with a factor `play` on the half-widths of plays.
+def framed(shape: Shape, logs: Sequence[Samples], play: float = 1.0) -> dict[str, Floats]:
+    """Return the parameters of the features by name: scales, and points where the logs are, for the
+    lengths of the usual prior, with a factor `play` on the half-widths of plays.
     """
     from scipy.cluster.vq import kmeans2  # loaded late: it takes as long as all of distal
 
@@ -376,6 +374,7 @@ def framed(
     frame["centre"] = np.nanmean(every, axis=0)
     spread = np.nanstd(every, axis=0)
     frame["scale"] = np.where(spread > 1e-9 * np.abs(frame["centre"]) + 1e-12, spread, 1.0)
+    usual = Prior()
     lengths = np.exp([usual.reading_length, usual.slip_length])
     frame["lengths"] = np.repeat(lengths, [shape.count, len(shape.moving)])
     if not shape.radial:
@@ -451,7 +450,7 @@ def from_prior(log: Samples, described: Described, offsets: Mapping[str, float])
     shape = shape_for(log, described, 0)
     angles = shape.angles
     prior = Prior()
-    frame = framed(shape, [log], prior)
+    frame = framed(shape, [log])
     efforts = [i for i in range(shape.channels) if i not in shape.moving]
     frame["scale"][efforts] = np.hypot(frame["scale"], frame["centre"])[efforts]
     weights = Weights.of(shape, prior, [])
@@ -466,27 +465,49 @@ def from_prior(log: Samples, described: Described, offsets: Mapping[str, float])
     squares = np.maximum(squares, SMALLEST_SPREAD**2)
     means = np.zeros((joints, shape.features.size))
     means[:, 0] = centres
-    fields = {
-        **described,
-        "beside_filter": angles > 0,
-        "logs": 0,
-        "low": tuple(np.nanmin(log.every, axis=0).tolist()),
-        "high": tuple(np.nanmax(log.every, axis=0).tolist()),
-    }
-    return LearnedMap(
-        **fields,
-        arrays=MapArrays(
-            **frame,
-            rate=rates_of([log], frame["scale"]),
-            mean=means,
-            covariance=squares[:, None, None] * weights.covariance,
-            radial=np.zeros(joints),
-            noise=squares * np.exp(2 * prior.noise),
-            filter=np.full(joints, float(angles > 0)),
-            error_time=np.full(joints, np.exp(prior.error_time)),
-            correlation=np.eye(joints),
-        ),
+    return map_from(
+        [log],
+        described,
+        frame,
+        0,
+        mean=means,
+        covariance=squares[:, None, None] * weights.covariance,
+        radial=np.zeros(joints),
+        noise=squares * np.exp(2 * prior.noise),
+        filter=np.full(joints, float(angles > 0)),
+        error_time=np.full(joints, np.exp(prior.error_time)),
+        correlation=np.eye(joints),
     )
+
+
+def map_from(
+    logs: Sequence[Samples],
+    described: Described,
+    frame: Mapping[str, Floats],
+    taught: int,
+    **arrays: Floats,
+) -> LearnedMap:
+    """Return the map with some arrays that logs gave, of which so many have `taught` it; see
+    `framed` for its `frame`.
+    """
+    every = np.vstack([log.every for log in logs])
+    low, high = (tuple(end(every, axis=0).tolist()) for end in (np.nanmin, np.nanmax))
+    beside_filter = logs[0].angles.shape[1] > 0
+    rate = rates_of(logs, frame["scale"])
+    return LearnedMap(
+        **described,
+        beside_filter=beside_filter,
+        logs=taught,
+        low=low,
+        high=high,
+        arrays=MapArrays(**frame, rate=rate, **arrays),
+    )
+
+
+def with_arrays(learned: LearnedMap, **changed: Floats) -> LearnedMap:
+    """Return a map with some of its arrays `changed`, by name."""
+    arrays = MapArrays(**{**learned.arrays.by_name, **changed})
+    return learned.model_copy(update={"arrays": arrays})
 
 
 SMALLEST_SPREAD = float(np.deg2rad(0.1))
@@ -516,20 +537,14 @@ def from_window(
         halves = [weights.errors(replace(evidence, given=half)) for half in (early, ~early)]
         factors.append(conformal_factor(halves) ** 2)
         after.append(weights.given(evidence, offset))
-    arrays = dict(_with_weights(before, after).arrays.by_name)
-    for name in ("covariance", "radial", "noise"):
-        arrays[name] = np.stack([f * array for f, array in zip(factors, arrays[name])])
-    return before.model_copy(update={"arrays": MapArrays(**arrays)})
-
-
-def _with_weights(learned: LearnedMap, weights: Sequence[Weights]) -> LearnedMap:
-    """Return a map with other weights of each joint."""
-    arrays = {
-        **learned.arrays.by_name,
-        "mean": np.stack([of_joint.mean for of_joint in weights]),
-        "covariance": np.stack([of_joint.covariance for of_joint in weights]),
-    }
-    return learned.model_copy(update={"arrays": MapArrays(**arrays)})
+    widened = [factor * of_joint.covariance for factor, of_joint in zip(factors, after)]
+    return with_arrays(
+        before,
+        mean=np.stack([of_joint.mean for of_joint in after]),
+        covariance=np.stack(widened),
+        radial=np.array(factors) * before.arrays["radial"],
+        noise=np.array(factors) * before.arrays["noise"],
+    )
 
 
 def conformal_factor(held_out: Sequence[tuple[Floats, Floats]]) -> float:
@@ -553,9 +568,14 @@ def given(
         known: mask of these samples, (k,).
         offsets: joint → std of a constant error of what is known, 0 where it is not named.
     """
-    every = _as_weights(learned, log, known, offsets)
-    return _with_weights(
-        learned, [weights.given(evidence, offset) for weights, evidence, offset in every]
+    after = [
+        weights.given(evidence, offset)
+        for weights, evidence, offset in _as_weights(learned, log, known, offsets)
+    ]
+    return with_arrays(
+        learned,
+        mean=np.stack([weights.mean for weights in after]),
+        covariance=np.stack([weights.covariance for weights in after]),
     )
 
 

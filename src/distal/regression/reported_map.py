@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import cache, reduce
 from typing import NamedTuple
 
 import casadi as ca
@@ -18,6 +18,7 @@ from distal.regression.features import (
     JudgedJumps,
     Shape,
     added,
+    apart,
     evidence_of_jumps,
     features_function,
     map_function,
@@ -27,7 +28,6 @@ from distal.regression.features import (
 from distal.rig import LearnedMap
 
 
-@lru_cache(maxsize=32)
 def homed_layout(shape: Shape, joints: int) -> Layout:
     """Return the layout of the memory: that of the map; for each joint the time since its angle was
     known, and 1 once it was; the weights and, behind them, the constant error of known angles.
@@ -37,7 +37,6 @@ def homed_layout(shape: Shape, joints: int) -> Layout:
     return Layout(map=shape.memory.size, since=joints, told=joints, mean=(n, joints), **weights)
 
 
-@lru_cache(maxsize=32)
 def homed_memory(shape: Shape, joints: int) -> ca.Function:
     """Return the function (memory of the map, its parameters, std of the constant error) → memory
     before the first sample.
@@ -59,7 +58,7 @@ def homed_memory(shape: Shape, joints: int) -> ca.Function:
     return ca.Function("homed", inputs, [memory])
 
 
-@lru_cache(maxsize=32)
+@cache
 def homed_function(shape: Shape, joints: int, beside_filter: bool) -> ca.Function:
     """Return the function (memory, dt, readings, mask, parameters, doubts, elsewhere, chance,
     targets, given, beside) → (values, gains, variances, memory⁺): that of `map_function` with the
@@ -211,32 +210,27 @@ def reporting_function(
         judges: what forces say of jumps.
         evidence: for each position the index in the kernel state of the evidence of its jump.
     """
-    n_kernel_state = inner.size1_in(0)
-    n_parameters = inner.size1_in(2)
-    of_judges = sum(judge.memory.size for judge in judges)
-    parameters_of_judges = sum(judge.parameters for judge in judges)
-    inputs = symbols(
-        ca.MX,
-        kernel_state=n_kernel_state + sum(placed.size for placed in maps) + of_judges,
-        x=inner.size1_in(1),
-        p=n_parameters + sum(placed.parameters for placed in maps) + parameters_of_judges,
-    )
+    sizes = [placed.size for placed in maps]
+    counts = [placed.parameters for placed in maps]
+    sizes = [inner.size1_in(0), *sizes, sum(judge.memory.size for judge in judges)]
+    counts = [inner.size1_in(2), *counts, sum(judge.parameters for judge in judges)]
+    inputs = symbols(ca.MX, kernel_state=sum(sizes), x=inner.size1_in(1), p=sum(counts))
     kernel_state, x, p = inputs
+    state, *memories_before, of_judges = apart(kernel_state, sizes)
+    parameters, *parameters_of, parameters_of_judges = apart(p, counts)
     width = (x.numel() - 1) // 2
     read = ca.MX(x)
     for home in {home for placed in maps for home in placed.homes}:
         read[1 + width + home] = 0
-    following, y = inner(kernel_state[:n_kernel_state], read, p[:n_parameters])
+    following, y = inner(state, read, parameters)
     memories = []
     answers = dict[tuple[int, ...], list[tuple[VectorNode, ...]]]()
-    at = n_kernel_state
-    number = n_parameters
     doubts = ca.MX.zeros(width)
     readings = x[1 : 1 + width]
     elsewhere = x[1 : 1 + width]
     masks = x[1 + width :]
     tracks, second, chance, variances_of_tracks, believed, of_joints = tracked(
-        following, p[:n_parameters]
+        following, parameters
     )
     readings[: tracks.numel()] = tracks
     elsewhere[: tracks.numel()] = second
@@ -245,21 +239,12 @@ def reporting_function(
     # what the logs taught of the filter's errors holds neither in a touch nor after a jump
     opened = reduce(ca.fmax, (following[at] for at in touched), 4 * chance * (1 - chance))
     sample = _Sample(x, readings, elsewhere, masks, doubts, chance, opened, following, of_joints)
-    for placed in maps:
-        answer, after = _answer(
-            placed,
-            sample,
-            kernel_state[at : at + placed.size],
-            p[number : number + placed.parameters],
-            positions,
-            variances,
-        )
+    for placed, before, own in zip(maps, memories_before, parameters_of):
+        answer, after = _answer(placed, sample, before, own, positions, variances)
         answers.setdefault(placed.states, []).append(answer)
         memories.append(after)
-        at += placed.size
-        number += placed.parameters
     ratios, after = evidence_of_jumps(
-        judges, kernel_state[at:], x[0], readings, elsewhere, masks, p[number:]
+        judges, of_judges, x[0], readings, elsewhere, masks, parameters_of_judges
     )
     memories.append(after)
     following = ca.MX(following)

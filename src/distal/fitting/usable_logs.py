@@ -23,10 +23,10 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError, FitError
 from distal.estimators import channels_of, samples_of_angles
-from distal.fitting.learned_maps import Seen, Task, moved
+from distal.fitting.learned_maps import Seen, Task, density, moved
 from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
-from distal.regression import FEWEST_LOGS, Evidence, Prior, Samples, yardstick_error
-from distal.rig import REFERENCES, Capstan, Rig, Sensor, angle_names
+from distal.regression import FEWEST_LOGS, Evidence, Prior, yardstick_error
+from distal.rig import REFERENCES, Rig, angle_names
 from distal.run import estimate
 from distal.sensor_models import variance
 
@@ -57,13 +57,12 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
     if len(set(folds)) < FEWEST_LOGS:
         return 0.0
     samples = [samples_of_angles(log, rig) for log in logs]
-    targets = np.vstack([log.targets for log in samples])
-    joints = [j for j, column in enumerate(targets.T) if np.isfinite(column).any()]
+    known = np.isfinite(np.vstack([log.targets for log in samples])).any(axis=0)
     channels = channels_of(rig, "regression")
     of = {"channels": channels.proximal, "positions": channels.positions}
     names = {key: tuple(sensor.name for sensor in sensors) for key, sensors in of.items()}
     seen = Seen.of(samples, names)
-    tasks = [seen.task(samples, joint, folds)[0] for joint in joints]
+    tasks = [seen.task(samples, joint, folds) for joint in np.flatnonzero(known).tolist()]
     times = [log.time for log in samples]
     # samples whose errors are one correlation time apart count as independent
     each = float(np.mean([np.ptp(time) for time in times]) / np.exp(Prior().error_time))
@@ -72,19 +71,14 @@ def reference_lag(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> float:
         """Return the tasks with features that are late by an age [s]."""
         features = [how(along, time, age) for along, time in zip(seen.along, times)]
         return [
-            replace(
-                task,
-                logs=tuple(
-                    _at_samples(evidence, *of_log)
-                    for evidence, of_log in zip(task.logs, zip(features, times))
-                ),
-            )
+            replace(task, logs=tuple(map(_at_samples, task.logs, features, times)))
             for task in tasks
         ]
 
     as_reference, lag = _likeliest(partial(late, _delayed), each)
     as_joint, _ = _likeliest(partial(late, _followed), each)
-    if any(_is_slower(log) for log in samples):  # a camera, which is never on time
+    # a reference that is read with the drives is hardly late; a camera is never on time
+    if any(np.mean(np.isfinite(log.targets).any(axis=1)) < SLOWER for log in samples):
         prior = _log_density(max(lag - LARGEST_USUAL, 0.0)) - np.log(LARGEST_USUAL)
         on_time = np.inf
     else:
@@ -120,7 +114,7 @@ def _likeliest(tasks_at: Callable[[float], list[Task]], each: float) -> tuple[fl
     def cost(age: float, tried: Sequence[Sequence[Prior]]) -> float:
         """Return the least cost of an age with one of the hyperparameters of each task."""
         return -sum(
-            max(float(np.sum(task.densities(prior))) for prior in priors)
+            max(sum(density(*pair) for pair in task.held_out(prior)) for prior in priors)
             for task, priors in zip(tasks_at(age), tried)
         )
 
@@ -157,14 +151,6 @@ benchmarks.late).
 """
 
 
-def _is_slower(samples: Samples) -> bool:
-    """Return whether a reference has fewer samples than a log has rows, as a camera's; one that is
-    read with the drives is hardly late.
-    """
-    known = np.isfinite(samples.targets).any(axis=1)
-    return bool(np.mean(known) < SLOWER)
-
-
 SLOWER = 0.8
 """Share of rows with a sample of the reference below which it is slower than the drives [1].
 Source: judgement (a camera of 60 Hz beside drives of 100 Hz: 0.6).
@@ -184,8 +170,9 @@ def _followed(along: Features, time: Floats, age: float) -> Features:
     from scipy.signal import lfilter
 
     pole = np.exp(-np.median(np.diff(time)) / max(age, SHORTEST))
-    state = {name: pole * along[name][:1] for name in OF_EVIDENCE}
-    return {n: lfilter([1 - pole], [1, -pole], along[n], 0, state[n])[0] for n in OF_EVIDENCE}
+    return {
+        n: lfilter([1 - pole], [1, -pole], along[n], 0, pole * along[n][:1])[0] for n in OF_EVIDENCE
+    }
 
 
 SHORTEST = 1e-6
@@ -263,6 +250,8 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     """
     joints = rig.joint_names
     with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
+    if len(with_angles) <= FEWEST_LOGS:
+        return []
     try:
         samples = {i: samples_of_angles(logs[i], rig) for i in with_angles}
     except EstimationError:
@@ -274,8 +263,6 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
             for i in of
         }
 
-    if len(with_angles) <= FEWEST_LOGS:
-        return []
     kept = list(with_angles)
     aside = list[int]()
     while len(kept) > max(FEWEST_LOGS, len(with_angles) // 2):
@@ -357,36 +344,24 @@ def _same(log: Log, other: Log) -> bool:
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
-    """Return the names of the joints whose angle is known in none of the logs.
-
-    Each log must have the angle of some joint.
-    """
+    """Return the names of the joints whose angle is known in none of the logs."""
+    known = {
+        name for log in logs for name, values in log.truth.items() if np.isfinite(values).any()
+    }
     names = rig.joint_names
-    angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
-    return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
-
-
-def _span(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.quantile(finite, 0.99) - np.quantile(finite, 0.01)) if len(finite) else 0.0
-
-
-def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
-    """Return by how much the joint turns when a drive moves by `span` [rad]."""
-    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
-    tendon = next(tendon for tendon in rig.tendons if tendon.drive == sensor.of)
-    lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-    return span * lever / tendon.total_arm
+    return [name for name, column in zip(names, angle_names(names)) if column not in known]
 
 
 def _check_motion(log: Log, rig: Rig) -> None:
     moved = []
     for sensor in rig.sensors_of("position"):
-        span = _span(log.channels[sensor.name])
+        low, high = np.nanquantile(log.channels[sensor.name], (0.01, 0.99))
+        span = high - low
+        drive = rig.drive(sensor.of)
+        # of the joint
+        turn = span * drive.lever / rig.tendons_of(drive.name)[0].total_arm
         noise = np.sqrt(variance(sensor))
-        moved.append(
-            span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN
-        )
+        moved.append(span > MOTION_TO_NOISE * noise and turn > SMALLEST_TURN)
     if moved and not any(moved):
         raise FitError(
             f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° "
@@ -419,9 +394,8 @@ def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
 
 def _constant(log: Log, name: str) -> bool:
     """Return whether a log has more than 20 values of a sensor and all are the same."""
-    finite = (
-        log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
-    )
+    values = log.channels.get(name, np.zeros(0))
+    finite = values[np.isfinite(values)]
     return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
@@ -478,12 +452,12 @@ def _check_direction(subject: str, correlation: float, ratio: float) -> None:
             "the angle sensor or of the position sensors round, or swap the tendons' sides"
         )
     if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
-        near = (
-            "it looks like degrees read as radians"
-            if 20.0 < ratio < 160.0
-            else "is the unit, or a radius, wrong?"
-        )
-        near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
+        near = "is the unit, or a radius, wrong?"
+        for low, high, units in (
+            (20.0, 160.0, "degrees read as radians"),
+            (1 / 160.0, 1 / 20.0, "radians read as degrees"),
+        ):
+            near = f"it looks like {units}" if low < ratio < high else near
         raise FitError(
             f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the "
             "angle sensor's unit)"

@@ -10,7 +10,7 @@ import pytest
 
 from distal import Log, Rig, estimate, load_rig
 from distal.errors import FitError, LogError
-from distal.fitting.log_checks import check_logs
+from distal.fitting.usable_logs import check_logs
 from tests.diagnosis.test_known_motion import TIME, angles_at, log_of
 
 
