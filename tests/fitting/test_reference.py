@@ -45,16 +45,16 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
         before = maps[0].arrays["noise"]
         np.testing.assert_allclose(wider.maps[0].arrays["noise"], before + offset**2)
         np.testing.assert_allclose(wider.held_out(0)[0].variances, scored.variances + offset**2)
-        same = with_its_reference_error(fit, [log("another file")])
+        same = with_its_reference_error(fit, [log(TruthSource(position="another file"))])
         np.testing.assert_allclose(same.maps[0].arrays["noise"], before)
 
 
 def test_what_the_reference_errs_by(rig: Rig) -> None:
     noise = np.deg2rad(np.hypot(0.1, 0.09 / np.sqrt(12.0)))
     assert reference_std(rig, [log(FROM_SENSOR)]) == pytest.approx(noise, rel=1e-6)
-    assert reference_std(rig, [log("the simulation")]) == 0.0
+    assert reference_std(rig, [log(TruthSource(position="the simulation"))]) == 0.0
     assert reference_offset(rig, [log(FROM_SENSOR)]) == pytest.approx(np.deg2rad(0.35))
-    assert reference_offset(rig, [log("the simulation")]) == 0.0
+    assert reference_offset(rig, [log(TruthSource(position="the simulation"))]) == 0.0
 
 
 @pytest.mark.parametrize("hold", [False, True])
