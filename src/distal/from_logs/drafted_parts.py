@@ -5,7 +5,7 @@ tells is a `Guess`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees, pi
+from math import degrees, inf, pi
 from statistics import median
 
 import numpy as np
@@ -203,7 +203,7 @@ def raw_joint(
     low = float(every.min())
     high = float(every.max())
     raw["friction"] = _joint_friction(pulls, balance)
-    raw |= _stops(low, high, joint_stops(j, drives, logs))
+    raw |= _stops(low, high, *joint_stops(j, drives, logs))
     if not pulled_both_ways(pulls):
         raw["spring"] = _spring(low, high, pulls, balance)
     elif balance.has_spring:
@@ -216,22 +216,17 @@ def raw_joint(
     return raw
 
 
-def _stops(low: float, high: float, stops: tuple[float | None, float | None]) -> Raw:
+def _stops(low: float, high: float, lower: float, upper: float) -> Raw:
     """Return the stops of a joint whose angles are from `low` to `high`; where the logs show one,
-    the other is far beyond them.
+    the other, which is infinite, is far beyond them.
     """
-    if stops == (None, None):
+    if lower == -inf and upper == inf:
         return {}
-    lower, upper = stops
-    ends = [
-        low - NO_STOP if lower is None else lower,
-        high + NO_STOP if upper is None else upper,
-    ]
+    ends = (max(lower, low - NO_STOP), min(upper, high + NO_STOP))
     stop_angles: object = [number(degrees(angle), "deg") for angle in ends]
-    if None in stops:
-        stop_angles = Guess(
-            stop_angles, f"the {'lower' if lower is None else 'upper'} stop of a joint"
-        )
+    if lower == -inf or upper == inf:
+        which = "lower" if lower == -inf else "upper"
+        stop_angles = Guess(stop_angles, f"the {which} stop of a joint")
     return {"stops": stop_angles, "stops_std": "0.5 deg"}
 
 

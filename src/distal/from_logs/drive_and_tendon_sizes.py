@@ -41,9 +41,9 @@ from distal.from_logs.motion_data import (
 from distal.from_logs.which_drive_moves_what import (
     EXPLAINED,
     DriveStructure,
+    added_error,
     described,
     drive_structure,
-    with_joint,
 )
 from distal.logs import Log
 from distal.model.tendon_tensions import STEEPEST
@@ -99,7 +99,7 @@ def drive_friction(
     """
     matrix, efforts = stacked(_rows(log, drive, structure) for log in logs)
     # those of a drive that moves forward are above zero
-    efforts = np.sign(per_speed) * efforts
+    efforts *= np.sign(per_speed)
     solution = np.zeros(matrix.shape[1])
     if len(efforts) >= len(solution):
         first, stds = with_errors(matrix, efforts, max(log.window for log in logs))
@@ -114,15 +114,14 @@ def drive_friction(
     # half of the difference between both directions, and what grows with speed and acceleration
     back, damping, inertia = solution[-3:].tolist()
     usual = abs(back)
-    share = 0.0
-    share_std = 0.0
+    share = share_std = 0.0
     if structure.growth != 0.0:
         # the stretch is that of e − d f(e), so that g = −b f and h = −∂(b f)/∂e with ∂b/∂e = 2 q
         force = structure.hysteresis / structure.compliance
         grows = structure.growth - 2.0 * structure.curvature * force
-        is_growing = grows * structure.effort * structure.hysteresis > 0.0
-        share = abs(grows / structure.compliance) if is_growing else 0.0
-        share_std = abs(structure.growth_std / structure.compliance)
+        if grows * structure.effort * structure.hysteresis > 0.0:
+            share = abs(grows / structure.compliance)
+            share_std = abs(structure.growth_std / structure.compliance)
         usual = abs(force)
     return DriveFriction(
         usual=usual * constant,
@@ -258,12 +257,11 @@ def found_drive(
     gear = 1.0 if is_slider or ratio <= THRESHOLDS.largest_ratio else float(round(ratio))
     lever = 1.0 if is_slider else ASSUMED.radius
     constant = to_si(ASSUMED.torque_constant.value, "N m/A") if is_current else 1.0
-    efforts = np.concatenate([log.efforts[:, index] for log in logs])
-    is_read = bool(np.isfinite(efforts).all())
-    knows = is_read and structure.knows_compliance
+    is_read = effort is not None
+    knows = structure.knows_compliance
     falls = structure.compliance < 0.0 if knows else is_read and is_reversed(logs, index, structure)
     effort_sign = -1 if falls else 1
-    pulls = effort_sign * efforts * constant
+    pulls = effort_sign * constant * np.concatenate([log.efforts[:, index] for log in logs])
     low, high = np.quantile(pulls, [0.05, 0.95])
     both = low < 0.0 < high and min(-low, high) > TWO_SIDED * max(-low, high)
     is_pair = not is_slider and (both if is_read else not is_opposed)
@@ -273,7 +271,9 @@ def found_drive(
     winding = -1 if is_negative and not is_pair else 1
     stiffness, stiffness_std = to_si(ASSUMED.stiffness, "N/m"), 0.0
     if knows:
-        stiffness, stiffness_std = _stiffness(structure, constant * gear / lever**2, is_pair)
+        share = 2.0 if is_pair else 1.0
+        stiffness = constant * gear / lever**2 / (share * abs(structure.compliance))
+        stiffness_std = max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2)
     if knows and is_current:
         # the scale of force is free: it is chosen so that the tendon is a usual one
         usual = float(np.clip(stiffness, *THRESHOLDS.usual_stiffness))
@@ -290,9 +290,11 @@ def found_drive(
     if is_read:
         per_speed = effort_sign * constant * gear
         friction = drive_friction(logs, index, structure, constant, per_speed, not is_current)
-    stiffening = (
-        0.0 if is_pair or not knows else _stiffening(structure, stiffness * lever / constant)
-    )
+    stiffening = 0.0
+    if knows and not is_pair:
+        # a of T = T_pre + k (exp(a δ) − 1)/a, by dδ/dT = 1/K and d²δ/dT² = −a/K², dT/dδ = K
+        bend = structure.curvature * np.sign(structure.effort) / structure.compliance
+        stiffening = max(float(-2.0 * stiffness * lever / constant * bend), 0.0)
     if stiffening > 0.0:
         loose = max(stiffness - stiffening * usual, exp(-STEEPEST) * stiffness)
         pretension = max(loose * float(np.expm1(-stiffening * zero)) / stiffening, 0.0)
@@ -324,23 +326,6 @@ def found_drive(
         friction=friction,
         load=load,
     )
-
-
-def _stiffness(structure: DriveStructure, per_turn: float, is_pair: bool) -> tuple[float, float]:
-    """Return the stiffness of one tendon [N/m] by how far a drive stretches it per effort, and its
-    relative std; `per_turn` is the stiffness of effort per turn of 1.
-    """
-    share = 2.0 if is_pair else 1.0
-    spread = max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2)
-    return per_turn / (share * abs(structure.compliance)), spread
-
-
-def _stiffening(structure: DriveStructure, per_effort: float) -> float:
-    """Return a of T = T_pre + k (exp(a δ) − 1)/a [1/m] by what a drive moves, with the stiffness
-    times the lever per unit of effort: dδ/dT = 1/K and d²δ/dT² = −a/K², where dT/dδ = K.
-    """
-    bend = structure.curvature * np.sign(structure.effort) / structure.compliance
-    return max(float(-2.0 * per_effort * bend), 0.0)
 
 
 @dataclass(frozen=True)
@@ -375,8 +360,7 @@ def pulled_both_ways(pulls: Pulls) -> bool:
     """Return whether tendons pull a joint to both sides, so that it needs no spring; `pulls` are
     the drives that move it with their moment arms.
     """
-    sides = {arm > 0.0 for _, arm in pulls}
-    return len(sides) > 1 or any(drive.is_pair for drive, _ in pulls)
+    return len({arm > 0.0 for _, arm in pulls}) > 1 or any(drive.is_pair for drive, _ in pulls)
 
 
 def torque_of(joint: int, pulls: Pulls, log: MotionData) -> tuple[Floats, Bools]:
@@ -407,10 +391,10 @@ def unexplained(logs: Logs, without: Sequence[int] = ()) -> Floats:
     """
     parts = []
     for log in logs:
-        positions = np.delete(log.positions, without, axis=1)
-        known = np.column_stack([positions, log.angles])[log.is_known]
-        parts.append(known - known.mean(axis=0) if len(known) else known)
-    positions, angles = np.split(np.vstack(parts), [positions.shape[1]], axis=1)
+        samples = np.column_stack([log.positions, log.angles])[log.is_known]
+        parts.append(samples - samples.mean(axis=0) if len(samples) else samples)
+    positions, angles = np.split(np.vstack(parts), [logs[0].positions.shape[1]], axis=1)
+    positions = np.delete(positions, without, axis=1)
     left = angles - positions @ np.linalg.lstsq(positions, angles)[0]
     return np.asarray(np.sum(left**2, axis=0) / np.maximum(np.sum(angles**2, axis=0), 1e-300))
 
@@ -501,12 +485,15 @@ def _move_all(
             continue
         rival = _rival_of(joint, structures)
         if rival is not None:
-            moved = structures[rival]
-            structures[rival] = described(logs, rival, moved.rival, moved.joints)
+            swapped = structures[rival]
+            structures[rival] = described(logs, rival, swapped.rival, swapped.joints)
         elif structures and is_explained[joint]:
-            ways = {d: with_joint(logs, d, other, joint) for d, other in structures.items()}
-            best = min(ways, key=lambda d: ways[d][1])
-            structures[best] = ways[best][0]
+            added = {
+                d: added_error(logs, d, other.joints, joint) for d, other in structures.items()
+            }
+            best = min(added, key=lambda d: added[d])
+            moved = tuple(sorted((*structures[best].joints, joint)))
+            structures[best] = described(logs, best, moved, ())
             shared.append((joint, best))
     return shared
 

@@ -127,8 +127,8 @@ def links_of(
     """
     count = len(carrying)
     torques = _torques_of_masses(rig, [joint.name for joint in joints], carrying)
-    parts = [_equations(log, carrying, joints, drives, torques) for log in logs]
-    parts = [part for part in parts if part]
+    of_logs = (_equations(log, carrying, joints, drives, torques) for log in logs)
+    parts = [part for part in of_logs if part]
     if not parts:
         return None
     rows = [equations for part in parts for equations in part]
@@ -137,13 +137,13 @@ def links_of(
     def as_links(row: _Equations) -> Floats:
         return np.column_stack([row.masses, row.gravity @ (1e-3 * masses)])
 
-    terms = FRICTION
+    terms: Sequence[int] = FRICTION
     errors = _errors(parts, as_links, FRICTION)
     tared = _errors(parts, as_links, WITH_OFFSET)
-    if _better(tared, errors):
-        terms = WITH_OFFSET
-        errors = tared
-    if not _better(errors, _errors(parts, lambda row: row.masses[:, :0], (*terms, INERTIA))):
+    if np.mean(tared / errors) < BETTER:
+        terms, errors = WITH_OFFSET, tared
+    alone = _errors(parts, lambda row: row.masses[:, :0], (*terms, INERTIA))
+    if not np.mean(errors / alone) < BETTER:
         return None
     matrix, target = _system(rows, as_links, terms)
     solution, spreads = with_errors(matrix, target, max(row.window for row in rows))
@@ -155,24 +155,11 @@ def links_of(
 def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     """Return the mass of each link and its standard deviation [g], (count,)."""
     matrix, target = _system(rows, lambda row: row.masses, WITH_WEIGHT)
-    left = target - matrix @ scaled_solution(matrix, target)
-    noise = max(row.window for row in rows) * max(float(np.mean(left**2)), 1e-300)
-    size = np.maximum(rms(matrix), 1e-300)
-    scaled = matrix / size
-    prior = 1e-3 * MASS * size
-    precision = np.zeros(len(prior))
-    precision[:count] = prior[:count] ** -2
-    covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
-    solution = covariance @ (scaled.T @ target / noise + precision * prior)
-    stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
-    means = 1e3 * solution[:count] / size[:count]
+    window = max(row.window for row in rows)
+    solution, errors = with_errors(matrix, target, window, [1e-3 * MASS] * count)
+    means, stds = 1e3 * solution[:count], 1e3 * errors[:count]
     above_zero = truncnorm(-means / stds, np.inf, means, stds)
     return above_zero.mean(), above_zero.std()
-
-
-def _better(errors: Floats, usual: Floats) -> bool:
-    """Return whether RMS errors of joints are clearly less than the `usual` ones, in the mean."""
-    return bool(len(errors)) and bool(np.mean(errors / usual) < BETTER)
 
 
 def _errors(
@@ -199,9 +186,8 @@ def _system(
     joints = sorted({of_joint.joint for of_joint in equations})
     parts = []
     for of_joint in equations:
-        columns = of_joint.terms[:, terms]
-        blocks = [columns * (joint == of_joint.joint) for joint in joints]
-        parts.append((np.column_stack([shared(of_joint), *blocks]), of_joint.torques))
+        blocks = np.kron(np.equal(joints, of_joint.joint), of_joint.terms[:, terms])
+        parts.append((np.column_stack([shared(of_joint), blocks]), of_joint.torques))
     return stacked(parts)
 
 
@@ -295,25 +281,21 @@ def joint_balance(
     windows = []
     for log in logs:
         usable = np.isfinite(log.angles[:, joint])
-        windows.append(window_of(log.angles[usable, joint], log.step, noise))
-        if usable.sum() >= 2 * windows[-1]:
-            columns, values, _ = _terms(joint, pulls, log, usable, windows[-1])
+        window = window_of(log.angles[usable, joint], log.step, noise)
+        if usable.sum() >= 2 * window:
+            columns, values, _ = _terms(joint, pulls, log, usable, window)
             parts.append((columns[:, :5], values))
-    if not parts:
+        windows.append(window)
+    if sum(len(torques) for _, torques in parts) < 5:
         return JointBalance()
     matrix, torques = stacked(parts)
-    if len(torques) < matrix.shape[1]:
-        return JointBalance()
     coefficients, stds = with_errors(matrix, torques, max(windows))
     clear = coefficients > CLEAR * stds
-    shown = np.where(clear, coefficients, 0.0)
     plain = scaled_solution(matrix[:, [0, 1, 4]], torques)
     stiffness, offset = (coefficients if clear[2:4].any() else plain)[:2].tolist()
-    damping, inertia, friction = shown[2:].tolist()
+    damping, inertia, friction = np.where(clear, coefficients, 0.0)[2:].tolist()
     most_inertia = float(max(coefficients[3], 0.0) + WITHIN * stds[3])
-    return JointBalance(
-        stiffness, offset, damping, inertia, friction, most_inertia, bool(shown[0] > 0.0)
-    )
+    return JointBalance(stiffness, offset, damping, inertia, friction, most_inertia, bool(clear[0]))
 
 
 def _terms(
@@ -392,8 +374,8 @@ class _Turn(NamedTuple):
     side: float
 
 
-def joint_stops(joint: int, drives: Drives, logs: Logs) -> tuple[float | None, float | None]:
-    """Return the lower and the upper stop of a joint [rad], None where the logs show none.
+def joint_stops(joint: int, drives: Drives, logs: Logs) -> tuple[float, float]:
+    """Return the lower and the upper stop of a joint [rad], infinite where the logs show none.
 
     Of n turning points on a range R, k are within w of the outermost by chance Σ e^(−λ) λ^j/j! over
     j ≥ k − 1, with λ = n w/R (Poisson). Where m of them rest within w′, that has the chance
@@ -409,52 +391,47 @@ def joint_stops(joint: int, drives: Drives, logs: Logs) -> tuple[float | None, f
     angles = np.concatenate([log.angles[:, joint] for log in logs])
     positions = np.vstack([log.positions[:, moving] for log in logs])
     finite = np.isfinite(angles)
-    if finite.sum() < 10:
-        return None, None
     columns = np.column_stack([np.ones(len(angles)), positions])
     line = np.linalg.lstsq(columns[finite], angles[finite])[0]
     turns = [turn for log in logs for turn in _turns_of(log, joint, moving, line)]
     return _level(-1.0, turns), _level(1.0, turns)
 
 
-def _level(side: float, turns: Sequence[_Turn]) -> float | None:
-    """Return where a stop begins on one side, ±1, None where there is none."""
+def _level(side: float, turns: Sequence[_Turn]) -> float:
+    """Return where a stop begins on one side, ±1, infinite where there is none."""
     angles, by_drives, settled, briskness, sides = np.reshape(turns, (-1, len(_Turn._fields))).T
     outward = side * angles
     on_side = np.flatnonzero(sides == side)
     order = on_side[np.argsort(-outward[on_side])]
-    reach = float(np.ptp(outward)) if turns else 0.0
-    level = None
+    level = side * inf
     least = CHANCE
     for count in range(2, len(order) // 2 + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
         parted = np.ptp(by_drives[members]) > max(PARTED * width, PROMINENCE)
-        if width > SOFT or not parted:
+        sharp = np.mean(briskness[members]) > BRISK
+        if width > SOFT or not parted or not sharp:
             continue
-        gathered = poisson.sf(count - 2, len(order) * width / reach)
+        chance = poisson.sf(count - 2, len(order) * width / np.ptp(outward))
         rests = settled[members][np.isfinite(settled[members])]
         together = len(rests) > 1 and np.ptp(rests) < min(width, CLOSE)
         if together:
-            gathered *= (np.ptp(rests) / width) ** (len(rests) - 1)
-        elsewhere = briskness[np.setdiff1d(np.arange(len(outward)), members)]
+            chance *= (np.ptp(rests) / width) ** (len(rests) - 1)
+        elsewhere = np.delete(briskness, members)
         as_brisk = np.sum(elsewhere >= briskness[members, None], axis=1)
-        brisk = np.prod((1 + as_brisk) / (1 + len(elsewhere)))
-        sharp = np.mean(briskness[members]) > BRISK
-        if sharp and gathered * brisk < least:
-            least = gathered * brisk
-            innermost = side * np.min(outward[members])
-            level = float(np.median(rests) if together else innermost)
+        chance *= np.prod((1 + as_brisk) / (1 + len(elsewhere)))
+        if chance < least:
+            least = chance
+            level = float(np.median(rests) if together else angles[members[-1]])
     return level
 
 
 def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> list[_Turn]:
     """Return the turning points of a log, by the `line` of the drives' positions."""
-    angle = log.angles[:, joint]
-    rows = np.flatnonzero(np.isfinite(angle))
+    rows = np.flatnonzero(np.isfinite(log.angles[:, joint]))
     if len(rows) < 3:
         return []
-    angle = angle[rows]
+    angle = log.angles[rows, joint]
     time = log.time[rows]
     step = float(np.median(np.diff(time)))
     near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
@@ -462,23 +439,23 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
         return []
     begin, end = (round(time_after / step) for time_after in REST_TIMES)
     speed = np.gradient(angle, time)
-    usual = float(rms(speed))
     by_drives = line[0] + log.positions[rows][:, drives] @ line[1:]
     turns = []
     for side in (1.0, -1.0):
         outward = side * angle
         for turn in find_peaks(outward, prominence=PROMINENCE)[0]:
             below = np.flatnonzero(outward[:turn] < outward[turn] - CLOSE)
-            arrival = int(below[-1]) + 1 if len(below) else 0
+            arrival = below[-1] + 1 if len(below) else 0
             lost, all_lost = (
                 np.ptp(speed[max(arrival - width, 0) : arrival + width + 1])
                 for width in (near, far)
             )
             after = angle[turn + begin : turn + end]
-            stays = len(after) > 0 and np.ptp(after) < CLOSE
-            settled = float(np.median(after)) if stays else np.nan
+            settled = np.nan
+            if len(after) and np.ptp(after) < CLOSE:
+                settled = float(np.median(after))
             if abs(settled - angle[turn]) > PROMINENCE:
                 settled = np.nan
-            brisk = lost / max(all_lost, usual)
+            brisk = lost / max(all_lost, rms(speed))
             turns.append(_Turn(angle[turn], by_drives[turn], settled, brisk, side))
     return turns

@@ -471,17 +471,29 @@ def left_out(parts: Sequence[Equations]) -> list[Floats]:
     return residuals
 
 
-def with_errors(matrix: Floats, target: Floats, window: int) -> tuple[Floats, Floats]:
+def with_errors(
+    matrix: Floats, target: Floats, window: int, prior: Sequence[float] = ()
+) -> tuple[Floats, Floats]:
     """Return this solution of a `matrix`, (n_samples, n), for a `target`, (n_samples,), and its
-    standard errors, (n,) each, where the samples of a `window`, over which both sides are smoothed,
-    count as one.
+    standard errors, (n,) each.
+
+    Args:
+        matrix: columns, (n_samples, n).
+        target: (n_samples,).
+        window: number of samples over which both sides are smoothed, which count as one.
+        prior: mean, and standard deviation too, of the first coefficients; of the others nothing
+            is known before.
     """
     solution = scaled_solution(matrix, target)
-    left = rms(target - matrix @ solution)
+    noise = np.sqrt(window) * np.maximum(rms(target - matrix @ solution), 1e-150)
     size = np.maximum(rms(matrix), 1e-300)
     scaled = matrix / size
-    covariance = np.linalg.pinv(scaled.T @ scaled / window)
-    return solution, left * np.sqrt(np.diag(covariance)) / size
+    before = np.zeros(len(size))
+    before[: len(prior)] = noise / (size[: len(prior)] * prior)
+    covariance = np.linalg.pinv(scaled.T @ scaled + np.diag(before**2))
+    lacking = np.append(prior, solution[len(prior) :]) - solution
+    solution += covariance @ (before**2 * lacking * size) / size
+    return solution, noise * np.sqrt(np.diag(covariance)) / size
 
 
 def factor_of_column(column: ColumnRole) -> float:
