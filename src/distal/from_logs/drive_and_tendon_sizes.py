@@ -15,15 +15,16 @@ setpoint u, its force F and its last direction of motion d, from −1 to 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from math import exp
+from statistics import median
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import RigError
-from distal.from_logs.column_names import ColumnRole, Columns
+from distal.from_logs.column_names import ColumnRole, Columns, of_role
 from distal.from_logs.motion_data import (
     BETTER,
     CLEAR,
@@ -229,9 +230,6 @@ class FoundDrive:
 Drives = Sequence[FoundDrive]
 """The drives of one rig."""
 
-Pulls = Sequence[tuple[FoundDrive, float]]
-"""The drives that move a joint, each with its moment arm there [m]."""
-
 
 def found_drive(
     logs: Logs,
@@ -330,12 +328,36 @@ def found_drive(
 
 @dataclass(frozen=True)
 class FoundJoint:
-    """A joint with its column; where it follows another rigidly, that and the ratio."""
+    """A joint with its index and its column; where it follows another rigidly, that and the ratio;
+    and the drives that move it, each with its moment arm there [m].
+    """
 
-    name: str
+    index: int
     angle: ColumnRole
-    follows: str | None = None
+    follows: FoundJoint | None = None
     ratio: float = 1.0
+    pulls: Sequence[tuple[FoundDrive, float]] = ()
+
+    @property
+    def name(self) -> str:
+        """Its name in a rig file."""
+        return self.angle.part
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the forces of all its tendons are read."""
+        return bool(self.pulls) and all(drive.effort is not None for drive, _ in self.pulls)
+
+    @property
+    def tension(self) -> float:
+        """Usual tension of its tendons [N]."""
+        return median(drive.tension for drive, _ in self.pulls)
+
+    @property
+    def is_pulled_both_ways(self) -> bool:
+        """Whether tendons pull it to both sides, so that it needs no spring."""
+        sides = {arm > 0.0 for _, arm in self.pulls}
+        return len(sides) > 1 or any(drive.is_pair for drive, _ in self.pulls)
 
     @property
     def noise(self) -> float:
@@ -347,31 +369,26 @@ Joints = Sequence[FoundJoint]
 """The joints of one rig, in the order of their columns."""
 
 
-def pulls_of(joint: int, drives: Drives) -> Pulls:
-    """Return the drives that move a joint, each with its moment arm there [m]."""
-    return [
-        (drive, float(drive.arms[drive.structure.joints.index(joint)]))
+def with_pulls(joint: FoundJoint, drives: Drives) -> FoundJoint:
+    """Return a joint with the drives that move it."""
+    pulls = [
+        (drive, float(arm))
         for drive in drives
-        if joint in drive.structure.joints
+        for j, arm in zip(drive.structure.joints, drive.arms)
+        if j == joint.index
     ]
+    return replace(joint, pulls=pulls)
 
 
-def pulled_both_ways(pulls: Pulls) -> bool:
-    """Return whether tendons pull a joint to both sides, so that it needs no spring; `pulls` are
-    the drives that move it with their moment arms.
-    """
-    return len({arm > 0.0 for _, arm in pulls}) > 1 or any(drive.is_pair for drive, _ in pulls)
-
-
-def torque_of(joint: int, pulls: Pulls, log: MotionData) -> tuple[Floats, Bools]:
+def torque_of(joint: FoundJoint, log: MotionData) -> tuple[Floats, Bools]:
     """Return the torque of tendons on a joint while their drives move, Σ r T, (n_samples,) [N m],
-    by the drives of `pulls` with their moment arms r [m], less what the drives themselves need; and
-    when joint and drives move, so that friction acts against their directions, (n_samples,).
+    with their moment arms r [m], less what the drives themselves need; and when joint and drives
+    move, so that friction acts against their directions, (n_samples,).
     """
-    angle = log.angles[:, joint]
+    angle = log.angles[:, joint.index]
     moves = log.is_fast(angle) & np.isfinite(angle)
     total = np.zeros(len(log.time))
-    for drive, arm in pulls:
+    for drive, arm in joint.pulls:
         moves &= log.moves(drive.index)
         factor = drive.effort_sign * drive.winding * drive.torque_constant / drive.lever
         efforts = log.efforts[:, drive.index]
@@ -404,14 +421,14 @@ def joints_of(references: Columns, logs: Logs) -> list[FoundJoint]:
     angles = np.vstack([log.angles[log.is_known] for log in logs])
     joints = list[FoundJoint]()
     for j, column in enumerate(references):
-        joint = FoundJoint(column.part, column)
-        for i, before in enumerate(joints):
+        joint = FoundJoint(j, column)
+        for before in joints:
             if before.follows is not None or len(angles) < 10:
                 continue
-            slope, offset = np.polyfit(angles[:, i], angles[:, j], 1)
-            residuals = angles[:, j] - slope * angles[:, i] - offset
+            line = np.polynomial.Polynomial.fit(angles[:, before.index], angles[:, j], 1)
+            residuals = angles[:, j] - line(angles[:, before.index])
             if rms(residuals) < THRESHOLDS.rigid * np.ptp(angles[:, j]):
-                joint = FoundJoint(column.part, column, before.name, float(slope))
+                joint = FoundJoint(j, column, before, float(line.convert().coef[1]))
                 break
         joints.append(joint)
     return joints
@@ -428,8 +445,8 @@ def drives_of(
     Raises:
         RigError: no drive moves a joint that is `free`.
     """
-    positions = [column for column in columns if column.role == "position"]
-    efforts = {column.part: column for column in columns if column.role == "effort"}
+    positions = of_role(columns, "position")
+    efforts = {column.part: column for column in of_role(columns, "effort")}
     structures = dict[int, DriveStructure]()
     left = []
     for d, column in enumerate(positions):
@@ -591,9 +608,9 @@ REVERSAL = 3.0
 random error. Source: judgement.
 """
 
-TRIMMED = 3.0
-"""Residual beyond which a sample is an outlier and is left out, in robust standard deviations.
-Source: judgement.
+TRIMMED = 4.44
+"""Residual beyond which a sample is an outlier and is left out, in medians of absolute residuals.
+Source: judgement (three robust standard deviations of 1.48).
 """
 
 LEAST_RATIO = 3.0
@@ -614,54 +631,37 @@ def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
     """
     servos: dict[str, object] = {}
     for drive in rig.drives:
-        parts = [part for log in logs if (part := _servo_rows(log, rig, drive)) is not None]
-        if not parts:
+        parts = [part for log in logs for part in _servo_rows(log, rig, drive)]
+        if sum(len(errors) for _, errors in parts) < FEWEST_OF_DRIVE:
             continue
-        matrix, left = (np.concatenate(each) for each in zip(*((m, y) for m, y, _ in parts)))
-        count = sum(seconds for _, _, seconds in parts) / INDEPENDENT_TIME
-        if len(left) < FEWEST_OF_DRIVE:
-            continue
-        values, errors = _trimmed(matrix, left, count)
+        matrix, errors = stacked(parts)
+        window = max(round(INDEPENDENT_TIME / np.mean(np.diff(logs[0].time))), 1)
+        kept = np.ones(len(errors), dtype=bool)
+        for _ in range(3):
+            values, stds = with_errors(matrix[kept], errors[kept], window)
+            residuals = np.abs(errors - matrix @ values)
+            kept = residuals <= TRIMMED * np.median(residuals[kept]) + 1e-12
         path = f"drives.{drive.name}.servo"
-        if values[0] > LEAST_RATIO * errors[0]:
+        if values[0] > LEAST_RATIO * stds[0]:
             servos[f"{path}.stiffness"] = float(f"{1.0 / values[0]:.6g}")
-        if values[1] > LEAST_RATIO * errors[1]:
+        if values[1] > LEAST_RATIO * stds[1]:
             servos[f"{path}.dead_band"] = float(f"{values[1]:.6g}")
     return servos
 
 
-def _servo_rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, float] | None:
-    """Return the columns F, d and ds/dt of a drive, (k, 3), its errors u − s, (k,), and the length
-    of the log [s]; None where the log lacks setpoint, position or force.
+def _servo_rows(log: Log, rig: Rig, drive: Capstan | Slider) -> Iterator[Equations]:
+    """Yield the columns F, d and ds/dt of a drive, (k, 3), and its errors u − s, (k,); nothing
+    where the log lacks setpoint, position or force.
     """
-    sensors = {s.measures: s for s in rig.sensors if s.of == drive.name}
-    if drive.name not in log.goals or not {"position", "force"} <= set(sensors):
-        return None
-    position, force = (log.channels.get(sensors[kind].name) for kind in ("position", "force"))
-    if position is None or force is None:
-        return None
-    goal = log.goals[drive.name]
+    sensors = {s.measures: s for s in rig.sensors if s.of == drive.name and s.name in log.channels}
+    if drive.name not in log.goals or not {"position", "force"} <= {*sensors}:
+        return
+    position, force = (log.channels[sensors[kind].name] for kind in ("position", "force"))
     half = max(REVERSAL * sensors["position"].noise, 1e-9)
     is_read = np.isfinite(position)
     way = np.full(len(log), np.nan)  # the last direction of motion, −1 to 1
     way[is_read] = (position[is_read] - played(position[is_read], half)) / half
     matrix = np.column_stack([force, way, np.gradient(position, log.time)])
-    left = goal - position
-    known = np.isfinite(matrix).all(axis=1) & np.isfinite(left)
-    return matrix[known], left[known], float(np.ptp(log.time)) * float(known.mean())
-
-
-def _trimmed(matrix: Floats, left: Floats, count: float) -> tuple[Floats, Floats]:
-    """Return coefficients by least squares without outliers, and their standard errors if `count`
-    samples are independent.
-    """
-    kept = np.ones(len(left), dtype=bool)
-    values = np.zeros(matrix.shape[1])
-    for _ in range(3):
-        values[:] = np.linalg.lstsq(matrix[kept], left[kept], rcond=None)[0]
-        rest = left - matrix @ values
-        spread = 1.48 * float(np.median(np.abs(rest[kept]))) + 1e-12
-        kept = np.abs(rest) <= TRIMMED * spread
-    information = matrix[kept].T @ matrix[kept] * min(count / len(left), 1.0)
-    inverse = np.linalg.pinv(information)
-    return values, spread * np.sqrt(np.maximum(np.diagonal(inverse), 0.0))
+    errors = log.goals[drive.name] - position
+    known = np.isfinite(matrix).all(axis=1) & np.isfinite(errors)
+    yield matrix[known], errors[known]

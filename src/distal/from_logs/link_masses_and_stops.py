@@ -27,7 +27,7 @@ drives are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, radians
 from typing import NamedTuple
@@ -39,10 +39,8 @@ from scipy.stats import poisson, truncnorm
 
 from distal.arrays import Bools, Floats
 from distal.from_logs.drive_and_tendon_sizes import (
-    Drives,
+    FoundJoint,
     Joints,
-    Pulls,
-    pulls_of,
     torque_of,
 )
 from distal.from_logs.motion_data import (
@@ -72,12 +70,12 @@ class Links:
     """What logs tell of links.
 
     Args:
-        masses: mass of each link with its standard deviation [g].
+        masses: index of a joint → mass of its link with its standard deviation [g].
         gravity: along x and z of the base [m/s²], by links of the assumed length; 0 where the logs
             do not show it.
     """
 
-    masses: tuple[tuple[float, float], ...]
+    masses: Mapping[int, tuple[float, float]]
     gravity: tuple[float, float]
 
 
@@ -112,7 +110,6 @@ def links_of(
     rig: Rig,
     carrying: Sequence[int],
     joints: Joints,
-    drives: Drives,
     logs: Logs,
 ) -> Links | None:
     """Return what logs tell of the links, None where these do not explain other logs better than
@@ -122,12 +119,11 @@ def links_of(
         rig: the rig with guessed masses, and gravity along x and z.
         carrying: indices of the joints that have a link.
         joints: in the order of their columns.
-        drives: all of them.
         logs: all of them.
     """
     count = len(carrying)
     torques = _torques_of_masses(rig, [joint.name for joint in joints], carrying)
-    of_logs = (_equations(log, carrying, joints, drives, torques) for log in logs)
+    of_logs = (_equations(log, carrying, joints, torques) for log in logs)
     parts = [part for part in of_logs if part]
     if not parts:
         return None
@@ -149,7 +145,8 @@ def links_of(
     solution, spreads = with_errors(matrix, target, max(row.window for row in rows))
     x, z = solution[count : count + 2].tolist()
     is_clear = np.hypot(x, z) > CLEAR * np.max(spreads[count : count + 2])
-    return Links(tuple(zip(masses.tolist(), stds.tolist())), (x, z) if is_clear else (0.0, 0.0))
+    with_stds = zip(masses.tolist(), stds.tolist())
+    return Links(dict(zip(carrying, with_stds)), (x, z) if is_clear else (0.0, 0.0))
 
 
 def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
@@ -218,7 +215,6 @@ def _equations(
     log: MotionData,
     carrying: Sequence[int],
     joints: Joints,
-    drives: Drives,
     torques_at: ca.Function,
 ) -> list[_Equations]:
     """Return the equations of each joint that carries a link, on one log; none of a short one."""
@@ -231,7 +227,7 @@ def _equations(
     columns = [np.array(part).reshape(q.shape[1], len(q), -1) for part in parts]
     equations = []
     for link, j in enumerate(carrying):
-        terms, torques, moves = _terms(j, pulls_of(j, drives), log, log.is_known, window)
+        terms, torques, moves = _terms(joints[j], log, log.is_known, window)
         equations.append(
             _Equations(
                 joint=link,
@@ -247,13 +243,13 @@ def _equations(
 
 @dataclass(frozen=True)
 class JointBalance:
-    """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad], inertia I
-    [kg m²] and friction f [N m] of a joint, 0 where the logs do not show them. The logs show that
-    inertia is at most `most_inertia`, and clearly that there is a spring where `has_spring`.
+    """Stiffness K [N m/rad], rest angle θ₀ [rad], damping b [N m s/rad], inertia I [kg m²] and
+    friction f [N m] of a joint, 0 where the logs do not show them. The logs show that inertia is at
+    most `most_inertia`, and clearly that there is a spring where `has_spring`.
     """
 
     stiffness: float = 0.0
-    offset: float = 0.0
+    rest: float = 0.0
     damping: float = 0.0
     inertia: float = 0.0
     friction: float = 0.0
@@ -261,29 +257,17 @@ class JointBalance:
     has_spring: bool = False
 
 
-def joint_balance(
-    joint: int,
-    noise: float,
-    pulls: Pulls,
-    logs: Logs,
-) -> JointBalance:
-    """Return what a joint needs of its tendons, as far as the logs show it.
-
-    Args:
-        joint: index of the joint.
-        noise: standard deviation of its reference [rad].
-        pulls: the drives that move it, each with its moment arm [m].
-        logs: all of them.
-    """
-    if not pulls or any(drive.effort is None for drive, _ in pulls):
+def joint_balance(joint: FoundJoint, logs: Logs) -> JointBalance:
+    """Return what a joint needs of its tendons, as far as the logs show it."""
+    if not joint.is_read:
         return JointBalance()
     parts = []
     windows = []
     for log in logs:
-        usable = np.isfinite(log.angles[:, joint])
-        window = window_of(log.angles[usable, joint], log.step, noise)
+        usable = np.isfinite(log.angles[:, joint.index])
+        window = window_of(log.angles[usable, joint.index], log.step, joint.noise)
         if usable.sum() >= 2 * window:
-            columns, values, _ = _terms(joint, pulls, log, usable, window)
+            columns, values, _ = _terms(joint, log, usable, window)
             parts.append((columns[:, :5], values))
         windows.append(window)
     if sum(len(torques) for _, torques in parts) < 5:
@@ -295,19 +279,20 @@ def joint_balance(
     stiffness, offset = (coefficients if clear[2:4].any() else plain)[:2].tolist()
     damping, inertia, friction = np.where(clear, coefficients, 0.0)[2:].tolist()
     most_inertia = float(max(coefficients[3], 0.0) + WITHIN * stds[3])
-    return JointBalance(stiffness, offset, damping, inertia, friction, most_inertia, bool(clear[0]))
+    rest = -offset / stiffness
+    return JointBalance(stiffness, rest, damping, inertia, friction, most_inertia, bool(clear[0]))
 
 
 def _terms(
-    joint: int, pulls: Pulls, log: MotionData, usable: Bools, window: int
+    joint: FoundJoint, log: MotionData, usable: Bools, window: int
 ) -> tuple[Floats, Floats, Bools]:
     """Return the columns θ, 1, dθ/dt, d²θ/dt², sign(dθ/dt), sin θ and cos θ of `usable` samples
     and the torques, both smoothed over a `window`, while joint and drives move; and when that is.
     """
-    angles = log.angles[usable, joint]
+    angles = log.angles[usable, joint.index]
     q, v, a = (smoothed(angles, window, log.step, order) for order in range(3))
     ways = smoothed(np.sign(v), window, log.step)
-    torque, moves = torque_of(joint, pulls, log)
+    torque, moves = torque_of(joint, log)
     torques = smoothed(torque[usable], window, log.step)
     read = np.isfinite(torques) & moves[usable]
     columns = np.column_stack([q, np.ones(len(q)), v, a, ways, np.sin(q), np.cos(q)])
@@ -374,26 +359,21 @@ class _Turn(NamedTuple):
     side: float
 
 
-def joint_stops(joint: int, drives: Drives, logs: Logs) -> tuple[float, float]:
+def joint_stops(joint: FoundJoint, logs: Logs) -> tuple[float, float]:
     """Return the lower and the upper stop of a joint [rad], infinite where the logs show none.
 
     Of n turning points on a range R, k are within w of the outermost by chance Σ e^(−λ) λ^j/j! over
     j ≥ k − 1, with λ = n w/R (Poisson). Where m of them rest within w′, that has the chance
     (w′/w)^(m−1). The share of other turning points that are as brisk is the chance of each one's
     briskness.
-
-    Args:
-        joint: index of the joint.
-        drives: all of them.
-        logs: all of them.
     """
-    moving = [drive.index for drive, _ in pulls_of(joint, drives)]
-    angles = np.concatenate([log.angles[:, joint] for log in logs])
+    moving = [drive.index for drive, _ in joint.pulls]
+    angles = np.concatenate([log.angles[:, joint.index] for log in logs])
     positions = np.vstack([log.positions[:, moving] for log in logs])
     finite = np.isfinite(angles)
     columns = np.column_stack([np.ones(len(angles)), positions])
     line = np.linalg.lstsq(columns[finite], angles[finite])[0]
-    turns = [turn for log in logs for turn in _turns_of(log, joint, moving, line)]
+    turns = [turn for log in logs for turn in _turns_of(log, joint.index, moving, line)]
     return _level(-1.0, turns), _level(1.0, turns)
 
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.from_logs.column_names import Columns, longest_run
+from distal.from_logs.column_names import Columns, longest_run, of_role
 from distal.from_logs.motion_data import (
     BETTER,
     THRESHOLDS,
@@ -357,8 +357,8 @@ def left_columns(raw: Sequence[RawLog], columns: Columns, lacking: Mapping[str, 
     texts = dict.fromkeys(name for log in raw for name in log.texts)
     if texts:
         notes.append(f"these columns hold text and are left out: {', '.join(texts)}")
-    for column in columns:
-        if column.header not in lacking or column.role in ("other", "command"):
+    for column in of_role(columns, "position", "effort", "angle", "time"):
+        if column.header not in lacking:
             continue
         where = lacking[column.header]
         if column.role != "angle":
@@ -376,7 +376,7 @@ def remarks(raw: Sequence[RawLog], columns: Columns, data: Logs) -> list[str]:
     Raises:
         RigError: no rig can be written because of a mistake, or of several.
     """
-    (name,) = _headers(columns, "time")
+    name = of_role(columns, "time")[0].header
     steps = [np.median(np.diff(log.columns[name])) for log in raw]
     usual = np.median(steps)
     wrong = [
@@ -389,7 +389,7 @@ def remarks(raw: Sequence[RawLog], columns: Columns, data: Logs) -> list[str]:
         wrong += _still(log, columns)
     if wrong:
         raise RigError("; ".join(wrong))
-    headers = _headers(columns, "position", "effort", "angle")
+    headers = [column.header for column in of_role(columns, "position", "effort", "angle")]
     lines = []
     for log in raw:
         gaps = Log(log.columns[name], {}).gaps()
@@ -400,21 +400,19 @@ def remarks(raw: Sequence[RawLog], columns: Columns, data: Logs) -> list[str]:
             for header, count in log.wild.items()
             if count and header in headers
         ]
-        for header in _headers(columns, "angle"):
-            away = jumps_away(log.columns[header])
+        for column in of_role(columns, "angle"):
+            values = log.columns[column.header]
+            away = jumps_away(values)
             if away.any():
-                lines.append(f"{log.source}: {header} {said_of_jumps(log.columns[header], away)}")
+                lines.append(f"{log.source}: {column.header} {said_of_jumps(values, away)}")
     return [*lines, *odd_log(data)]
-
-
-def _headers(columns: Columns, *roles: str) -> list[str]:
-    return [column.header for column in columns if column.role in roles]
 
 
 def _still(log: RawLog, columns: Columns) -> Iterator[str]:
     """Yield a sentence on each column that never changes, or not while all drives move."""
-    drives = [log.columns[header] for header in _headers(columns, "position")]
-    for header in _headers(columns, "position", "angle"):
+    drives = [log.columns[column.header] for column in of_role(columns, "position")]
+    for column in of_role(columns, "position", "angle"):
+        header = column.header
         there = np.flatnonzero(np.isfinite(log.columns[header]))
         if not len(there):
             continue
