@@ -19,7 +19,7 @@ def test_a_time_in_another_unit_than_its_name_says_changes_no_size(tmp_path: Pat
     ]
     (tmp_path / "wrong").mkdir()
     found = drafted(wrong, tmp_path / "wrong")
-    assert any("taken as ms" in note for note in found.notes)
+    assert any("taken as ms" in column.evidence for column in found.columns)
     assert found.rig.log.time.unit == "ms"
     for one, other in zip(found.rig.drives, right.drives):
         assert one.damping.value == pytest.approx(other.damping.value)

@@ -72,8 +72,12 @@ WORDS: Mapping[str, str] = {
     "voltage spannung voltaje battery vbat bus error err diff humidity pressure",
     "other": "pwm duty idx frame seq row episode dt status mode flag unnamed checksum quality conf "
     "confidence",
+    "empty": "observation state data msg value reading id present actual act measured ist estimate "
+    "estimated est feedback fb",
 }
-"""Kind of word → words, in English, German, French, Spanish and Italian."""
+"""Kind of word → words, in English, German, French, Spanish and Italian; the empty ones say neither
+what is measured nor of what.
+"""
 
 SHORTEST = 5
 """Number of letters of a word which is no stem of others. Source: judgement."""
@@ -162,16 +166,8 @@ SPELLED = {
 NO_SCALE = frozenset(["load", "raw", "register", "lsb", "pwm", "duty", "pct", "percent"])
 """Words of an effort whose scale no log tells; it is taken as a current's."""
 
-EMPTY_WORDS = frozenset(
-    {
-        *("observation", "state", "data", "msg", "value", "reading", "id", "present", "actual"),
-        *("act", "measured", "ist", "estimate", "estimated", "est", "feedback", "fb"),
-    }
-)
-"""Words that say neither what is measured nor of what."""
-
 _PATH = re.compile(r"[/.:|]")
-_BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_BRACKETS = re.compile(r"^(.+?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _LIKE_UNIT = re.compile(r"[^\W\d_][^\d_]{0,11}")
 # of single letters only these are units: F_a is a force of a, i_A is in A
 _ENDING = re.compile(r"^(?:(.*)[_ ./-])?([A-Za-z°]{2,}|[smgANV°])$")
@@ -210,7 +206,7 @@ class NameEvidence:
     @property
     def best(self) -> Role:
         """The role for which it speaks most."""
-        return max(ROLES, key=lambda role: self.scores[role])
+        return best_role(self.scores)
 
     @property
     def margin(self) -> float:
@@ -233,6 +229,11 @@ class NameEvidence:
     def says_nothing(self) -> bool:
         """Whether neither a word nor a unit is known."""
         return not self.kinds and self.unit is None and not self.unknown_unit
+
+
+def best_role(scores: Mapping[Role, float]) -> Role:
+    """Return the role with the largest logarithm of odds."""
+    return max(ROLES, key=lambda role: scores[role])
 
 
 Names = Mapping[str, NameEvidence]
@@ -261,7 +262,7 @@ def _stem(word: str) -> str:
     letters; any other word as it is.
     """
     stems = [word, word.removesuffix("s"), *(word[:n] for n in range(len(word) - 1, SHORTEST, -1))]
-    return next((stem for stem in stems if stem in KIND_OF or stem in EMPTY_WORDS), word)
+    return next((stem for stem in stems if stem in KIND_OF), word)
 
 
 def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
@@ -269,17 +270,16 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
     are no units.
     """
     match = _BRACKETS.match(header)
-    base, bracket = (match[1], match[2]) if match and match[1] else (header, "")
+    base, bracket = match.groups() if match else (header, "")
     unit, si = _unit(bracket)
     unknown = bracket if unit is None and _LIKE_UNIT.fullmatch(bracket) else ""
     ending = _ENDING.match(base) if unit is None else None
-    at_end = SPELLED.get(ending[2].lower()) if ending else None
     letters = {h[-1] for h in others if h[:-1] == header[:-1]}
-    if not letters <= {letter for letter in SPELLED if len(letter) == 1} | {"A", "V", "N"}:
-        at_end = None
-    if ending and at_end and (ending[1] or at_end[1] == "s"):  # a name that is only ms is a time
-        base = ending[1] or base
-        unit, si = at_end
+    if ending and letters <= {*SPELLED, "A", "V", "N"} and ending[2].lower() in SPELLED:
+        at_end = SPELLED[ending[2].lower()]
+        if ending[1] or at_end[1] == "s":  # a name that is only ms is a time
+            base = ending[1] or base
+            unit, si = at_end
     parts = [words_of(part) for part in _PATH.split(_AXIS_OF_CURRENT.sub("", base))]
     words = [word for part in parts for word in part]
     # a single letter is a symbol at the beginning only, of a recording's column after its topic:
@@ -291,7 +291,7 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
         (at[i], KIND_OF[word])
         for i, word in enumerate(words)
         if (i == first or len(word) > 1 or (word == "m" and words[i + 1 : i + 2] > ["0"]))
-        and word in KIND_OF
+        and KIND_OF.get(word, "empty") != "empty"
     ]
     # the last part of a path that says whose a column is counts, and the last that says what;
     # of each kind once: /actuator_states/actuator_currents is of an actuator as currents are
@@ -316,11 +316,7 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
         word
         for i, word in enumerate(words)
         if (len(word) == 1 and (i > 0 or word.isdigit()))
-        or (
-            KIND_OF.get(word, "finger") in OF_WHAT
-            and word not in EMPTY_WORDS
-            and (len(word) > 1 or len(words) == 1)
-        )
+        or (KIND_OF.get(word, "finger") in OF_WHAT and (len(word) > 1 or len(words) == 1))
     ]
     return NameEvidence(
         {role: sum(each.get(role, 0.0) for each in evidence) for role in ROLES},
@@ -328,7 +324,7 @@ def name_evidence(header: str, others: Iterable[str] = ()) -> NameEvidence:
         unit,
         si,
         "_".join(kept),
-        tuple(word for word in words if word not in kept and word not in EMPTY_WORDS),
+        tuple(word for word in words if word not in kept and KIND_OF.get(word) != "empty"),
         si != "" and (si is not None or not NO_SCALE & set(words)),
         unknown,
     )
@@ -386,8 +382,8 @@ def _shares(name: NameEvidence, drive: str) -> bool:
     """
     words = {*name.subject.split("_")}
     others = {*drive.split("_")}
-    has_word = any(not word.isdigit() for word in words & others)
-    return not name.kinds and has_word and all(not word.isdigit() for word in words ^ others)
+    digits = {word for word in words | others if word.isdigit()}
+    return not name.kinds and digits < words & others
 
 
 def as_role(name: NameEvidence, role: Role) -> NameEvidence:
@@ -459,6 +455,7 @@ class ColumnRole:
         unit_sureness: of the unit.
         evidence: why, in a line.
         values: what its values say.
+        rate: of its samples [Hz].
     """
 
     header: str
@@ -470,6 +467,7 @@ class ColumnRole:
     unit_sureness: Sureness
     evidence: str
     values: ValueEvidence
+    rate: float = 0.0
 
     @property
     def in_words(self) -> str:
@@ -485,6 +483,11 @@ Columns = Sequence[ColumnRole]
 """What the columns of some logs are, in their order."""
 
 
+def of_role(columns: Columns, *roles: Role) -> list[ColumnRole]:
+    """Return the columns that have one of some roles."""
+    return [column for column in columns if column.role in roles]
+
+
 def with_units(columns: Columns, names: Names, drives: Mapping[str, str]) -> list[ColumnRole]:
     """Return columns with their units: as a user or the header says, else by the words of the name
     and the range of the values. The current of a drive that moves in a line becomes a force of a
@@ -498,28 +501,31 @@ def with_units(columns: Columns, names: Names, drives: Mapping[str, str]) -> lis
     Raises:
         LogError: a user's unit is none of a length or an angle.
     """
-    result = dict[str, ColumnRole]()
+    result = {column.header: column for column in columns}
     in_line = set[str]()
     usual = {column.header: _usual_range(column.role, names[column.header]) for column in columns}
+    # those of positions first: by them drives move in a line or turn
     for column in sorted(columns, key=lambda column: ROLES.index(column.role)):
-        header = column.header
+        header, role = column.header, column.role
         name = names[header]
-        alike = [c for c in columns if c.role == column.role and usual[c.header] == usual[header]]
-        width = max(each.values.width for each in alike)
-        unit, si, sureness = _unit_by_size(column, usual[header], width, column.part in in_line)
+        if role == "other":
+            continue
         if drives.get(header):
             unit, si, sureness = _drive_unit(header, drives[header])
-        elif column.role == "effort" and not name.has_scale:
+        elif role == "effort" and not name.has_scale:
             unit, si, sureness = "A", "A", "assumed"
-        elif column.role != "other" and name.unit is not None:
+        elif name.unit is not None:
             unit, si, sureness = name.unit, str(name.si), "sure"
-        found = replace(column, unit=unit, si=si, unit_sureness=sureness)
-        if column.role == "position" and si == "m":
+        else:
+            alike = [c for c in of_role(columns, role) if usual[c.header] == usual[header]]
+            width = max(c.values.width for c in alike)
+            unit, si, sureness = _unit_by_size(column, usual[header], width, column.part in in_line)
+        result[header] = replace(column, unit=unit, si=si, unit_sureness=sureness)
+        if role == "position" and si == "m":
             in_line.add(column.part)
-        if column.role == "effort" and unit in TAKEN_FORCES and column.part in in_line:
-            found = _as_force(found)
-        result[header] = found
-    return [result[column.header] for column in columns]
+        if role == "effort" and unit in TAKEN_FORCES and column.part in in_line:
+            result[header] = _as_force(result[header])
+    return [*result.values()]
 
 
 def _as_force(column: ColumnRole) -> ColumnRole:
@@ -543,10 +549,9 @@ def _unit_by_size(
     """Return the unit whose usual range is nearest to a `width`, its SI unit, and how sure that is;
     an effort of unknown kind is a force of a drive that moves `in_line`, else a torque.
     """
-    if column.role == "other":
-        return "", "", "a guess"
     if not usual:
-        return ("N", "N", "a guess") if in_line else ("N m", "N m", "a guess")
+        unit = "N" if in_line else "N m"
+        return unit, unit, "a guess"
     units = [unit for unit in usual if unit != "count" or column.values.is_whole]
     unit = min(units, key=lambda unit: abs(np.log(max(width, 1e-300) / usual[unit])))
     is_likely = len(units) == 1 or unit == "count"
@@ -621,7 +626,8 @@ class ValueEvidence:
 
 def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
     """Return what the values of a column in several logs say, (n_samples,) each."""
-    present = [column[np.isfinite(column)] for column in columns]
+    finite = (column[np.isfinite(column)] for column in columns)
+    present = [values for values in finite if len(values)]
     pooled = np.concatenate(present)
     low = float(pooled.min())
     high = float(pooled.max())
@@ -640,9 +646,10 @@ def value_evidence(columns: Sequence[Floats]) -> ValueEvidence:
 
 def longest_run(values: Floats) -> tuple[int, int]:
     """Return where the longest run of equal values begins, and its number of samples."""
-    ends = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
-    longest = int(np.argmax(np.diff(ends)))
-    return int(ends[longest]), int(np.diff(ends)[longest])
+    ends = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0.0)
+    lengths = np.diff(ends)
+    longest = int(np.argmax(lengths))
+    return int(ends[longest]), int(lengths[longest])
 
 
 def _step(values: Floats) -> float:

@@ -4,21 +4,15 @@ tells is a `Guess`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import degrees, pi
-from statistics import median
+from math import degrees, inf, pi
 
 import numpy as np
 
 from distal.from_logs.column_names import ColumnRole
 from distal.from_logs.drive_and_tendon_sizes import (
-    Drives,
     FoundDrive,
     FoundJoint,
     Joints,
-    Pulls,
-    pulled_both_ways,
-    pulls_of,
 )
 from distal.from_logs.link_masses_and_stops import JointBalance, joint_balance, joint_stops
 from distal.from_logs.motion_data import THRESHOLDS, Logs, counts_of
@@ -84,7 +78,9 @@ def raw_drive(drive: FoundDrive) -> Raw:
     """Return a drive."""
     raw: Raw = {"name": drive.name, "kind": "slider" if drive.is_slider else "capstan"}
     unit = "N" if drive.is_slider else "N m"
+    inertia, unit_of_inertia, unit_of_damping = "inertia", "kg m^2", "N m s"
     if drive.is_slider:
+        inertia, unit_of_inertia, unit_of_damping = "mass", "kg", "kg/s"
         raw["mass"] = Guess("20 g", "masses of drives")
     else:
         raw["inertia"] = ASSUMED.motor_inertia
@@ -92,10 +88,9 @@ def raw_drive(drive: FoundDrive) -> Raw:
         raw["damping"] = ASSUMED.motor_damping
     shown = drive.friction
     if shown is not None and shown.inertia > 0.0:
-        inertia = about(shown.inertia, SURE_MOTION, "kg" if drive.is_slider else "kg m^2")
-        raw["mass" if drive.is_slider else "inertia"] = inertia
+        raw[inertia] = about(shown.inertia, SURE_MOTION, unit_of_inertia)
     if shown is not None and shown.damping > 0.0:
-        raw["damping"] = about(shown.damping, SURE_MOTION, "kg/s" if drive.is_slider else "N m s")
+        raw["damping"] = about(shown.damping, SURE_MOTION, unit_of_damping)
     raw["friction"] = _drive_friction(drive, unit)
     if drive.effort is None:
         force = drive.tension * drive.lever
@@ -112,26 +107,28 @@ def _drive_friction(drive: FoundDrive, unit: str) -> object:
     if friction is None:
         constant = about(0.05 * drive.tension * drive.lever, 0.7, unit)
         return Guess({"constant": constant, "load": within(0.06, 0.04)}, "friction of drives")
-    usual = friction.usual
-    share = friction.share
+    usual, share = friction.usual, friction.share
+    coulomb = usual / PARTS
+    load = about(coulomb / drive.load, 1.0)
     if share > 0.0:
-        constant = about(max(usual - share * drive.load, SURE_MOTION * usual), 1.0, unit)
-        std = max(2.0 * friction.share_std, SURE_MOTION * share)
-        return {"constant": constant, "load": within(share, std)}
-    part = usual / PARTS
-    return {"constant": about(part, 1.0, unit), "load": about(part / drive.load, 1.0)}
+        coulomb = max(usual - share * drive.load, SURE_MOTION * usual)
+        load = within(share, max(2.0 * friction.share_std, SURE_MOTION * share))
+    return {"constant": about(coulomb, 1.0, unit), "load": load}
 
 
 def raw_tendons(drive: FoundDrive, joints: Joints) -> list[Raw]:
     """Return the tendons of a drive over the joints that it moves."""
     structure = drive.structure
-    stiffness = about(drive.stiffness / 1e3, drive.stiffness_std or 0.6, "N/mm")
-    guess = Guess(stiffness, "stiffness of tendons")
-    raw: Raw = {"stiffness": stiffness if drive.stiffness_std else guess}
+    raw: Raw = {"stiffness": about(drive.stiffness / 1e3, drive.stiffness_std or 0.6, "N/mm")}
+    if not drive.stiffness_std:
+        raw["stiffness"] = Guess(raw["stiffness"], "stiffness of tendons")
     if drive.stiffening > 0.0:
         share = max(2.0 * abs(structure.curvature_std / structure.curvature), SURE_MOTION)
         raw["stiffening"] = about(drive.stiffening, share, "1/m")
-    raw |= _start(drive) | _path(drive)
+    raw |= _start(drive)
+    if drive.friction is None or drive.friction.share == 0.0:
+        # along a path it cannot be told from that of the drive by its load, where logs show this
+        raw["path"] = Guess(_path(drive), "friction along the paths")
     tendons = []
     for side in (1, -1) if drive.is_pair else (1,):
         crossings = [
@@ -150,110 +147,75 @@ def raw_tendons(drive: FoundDrive, joints: Joints) -> list[Raw]:
 
 
 def _path(drive: FoundDrive) -> Raw:
-    """Return the friction along a path; none where the logs show that of the drive by its load,
-    from which it cannot be told.
-    """
+    """Return a guess of the friction along a path."""
     friction = within(0.1, 0.08)
     if drive.friction is not None:
-        if drive.friction.share > 0.0:
-            return {}
         friction = about(drive.friction.usual / PARTS / drive.load / WRAP, 1.0)
-    guess = {"friction": friction, "wrap": number(degrees(WRAP), "deg")}
-    return {"path": Guess(guess, "friction along the paths")}
+    return {"friction": friction, "wrap": number(degrees(WRAP), "deg")}
 
 
 def _start(drive: FoundDrive) -> Raw:
     """Return the pre-tension of a tendon, or its slack, at zero angles and zero position."""
     # zeros that differ from log to log are another pre-tension in each
-    spread = drive.zero_spread * drive.stiffness
-    if drive.friction is None or drive.is_pair:
-        spread = max(spread, 0.4 * drive.pretension, 0.3 * drive.tension)
-    else:
-        spread = max(2.0 * spread, 0.2 * drive.pretension, 0.1 * drive.tension)
+    factors = (1.0, 0.4, 0.3) if drive.friction is None or drive.is_pair else (2.0, 0.2, 0.1)
+    spreads = (drive.zero_spread * drive.stiffness, drive.pretension, drive.tension)
+    spread = max(factor * size for factor, size in zip(factors, spreads))
     if drive.slack <= 0.0:
         return {"pretension": within(drive.pretension, spread, "N")}
     std = max(0.3 * drive.slack, spread / drive.stiffness)
     return {"slack": within(1e3 * drive.slack, 1e3 * std, "mm")}
 
 
-def raw_joint(
-    j: int,
-    joint: FoundJoint,
-    drives: Drives,
-    logs: Logs,
-) -> Raw:
-    """Return a joint.
-
-    Args:
-        j: index of the joint.
-        joint: its column.
-        drives: all of them.
-        logs: all of them.
-    """
-    pulls = pulls_of(j, drives)
-    balance = joint_balance(j, joint.noise, pulls, logs)
+def raw_joint(joint: FoundJoint, logs: Logs) -> Raw:
+    """Return a joint."""
+    balance = joint_balance(joint, logs)
     raw: Raw = {"name": joint.name, "parent": "base", **_dynamics(balance)}
     if joint.follows is not None:
-        return raw | {"coupled": {"joint": joint.follows, "ratio": number(joint.ratio)}}
-    angles = [log.angles[np.isfinite(log.angles[:, j]), j] for log in logs]
-    first = np.degrees(np.concatenate([each[:1] for each in angles]))
+        return raw | {"coupled": {"joint": joint.follows.name, "ratio": number(joint.ratio)}}
+    columns = [log.angles[:, joint.index] for log in logs]
+    angles = [column[np.isfinite(column)] for column in columns]
+    first = np.degrees(np.concatenate([of_log[:1] for of_log in angles]))
     scatter = float(np.std(first, ddof=1)) if len(first) > 1 else 0.0
     raw["initial"] = within(float(np.mean(first)), max(THRESHOLDS.start_std, scatter), "deg")
-    every = np.concatenate(angles)
-    low = float(every.min())
-    high = float(every.max())
-    raw["friction"] = _joint_friction(pulls, balance)
-    raw |= _stops(low, high, joint_stops(j, drives, logs))
-    if not pulled_both_ways(pulls):
-        raw["spring"] = _spring(low, high, pulls, balance)
+    low, high = np.quantile(np.concatenate(angles), [0.0, 1.0]).tolist()
+    raw["friction"] = _joint_friction(joint, balance)
+    raw |= _stops(low, high, *joint_stops(joint, logs))
+    if not joint.is_pulled_both_ways:
+        raw["spring"] = _needed_spring(low, high, joint, balance)
     elif balance.has_spring:
         # tendons that stiffen look like one too
-        rest = degrees(-balance.offset / balance.stiffness)
-        raw["spring"] = {
-            "stiffness": about(balance.stiffness, 1.0, "N m/rad"),
-            "rest_angle": within(rest, max(SURE_MOTION * abs(rest), 5.0), "deg"),
-        }
+        raw["spring"] = _spring(balance, 1.0, 0.0)
     return raw
 
 
-def _stops(low: float, high: float, stops: tuple[float | None, float | None]) -> Raw:
+def _stops(low: float, high: float, lower: float, upper: float) -> Raw:
     """Return the stops of a joint whose angles are from `low` to `high`; where the logs show one,
-    the other is far beyond them.
+    the other, which is infinite, is far beyond them.
     """
-    if stops == (None, None):
+    if lower == -inf and upper == inf:
         return {}
-    lower, upper = stops
-    ends = [
-        low - NO_STOP if lower is None else lower,
-        high + NO_STOP if upper is None else upper,
-    ]
+    ends = (max(lower, low - NO_STOP), min(upper, high + NO_STOP))
     stop_angles: object = [number(degrees(angle), "deg") for angle in ends]
-    if None in stops:
-        stop_angles = Guess(
-            stop_angles, f"the {'lower' if lower is None else 'upper'} stop of a joint"
-        )
+    if lower == -inf or upper == inf:
+        which = "lower" if lower == -inf else "upper"
+        stop_angles = Guess(stop_angles, f"the {which} stop of a joint")
     return {"stops": stop_angles, "stops_std": "0.5 deg"}
 
 
-def _joint_friction(pulls: Pulls, balance: JointBalance) -> object:
+def _joint_friction(joint: FoundJoint, balance: JointBalance) -> object:
     """Return the friction of a joint on its axle. Tendons press it there; the preload is what else
     does, such as a spring.
     """
-    if not pulled_both_ways(pulls):
-        tension = median(drive.tension for drive, _ in pulls)
-        preload = about(tension, 0.6, "N")
-        guess = {"coefficient": within(0.1, 0.08), "radius": "3 mm", "preload": preload}
-        return Guess(guess, "friction of joints")
-    friction: Raw = {
-        "coefficient": within(0.2, 0.1),
-        "radius": number(AXLE, "mm"),
-        "preload": within(1.0, 1.0, "N"),
-    }
-    if balance.friction == 0.0:
-        return Guess(friction, "friction of joints")
-    load = sum(drive.load / drive.lever for drive, _ in pulls)
-    coefficient = about(balance.friction / (1e-3 * AXLE * load), SURE_MOTION)
-    return friction | {"coefficient": coefficient}
+    is_shown = balance.friction > 0.0 and joint.is_pulled_both_ways
+    coefficient, radius, preload = within(0.2, 0.1), number(AXLE, "mm"), within(1.0, 1.0, "N")
+    if is_shown:
+        load = sum(drive.load / drive.lever for drive, _ in joint.pulls)
+        coefficient = about(balance.friction / (1e-3 * AXLE * load), SURE_MOTION)
+    elif not joint.is_pulled_both_ways:
+        coefficient, radius = within(0.1, 0.08), "3 mm"
+        preload = about(joint.tension, 0.6, "N")
+    friction = {"coefficient": coefficient, "radius": radius, "preload": preload}
+    return friction if is_shown else Guess(friction, "friction of joints")
 
 
 def _dynamics(balance: JointBalance) -> Raw:
@@ -271,28 +233,28 @@ def _dynamics(balance: JointBalance) -> Raw:
     return raw
 
 
-def _spring(
-    low: float,
-    high: float,
-    pulls: Pulls,
-    balance: JointBalance,
-) -> object:
+def _spring(balance: JointBalance, share: float, nearest: float) -> Raw:
+    """Return the spring that logs show, with the std of its stiffness as a share; that of its rest
+    angle is by how far this is from the `nearest` angle.
+    """
+    spread = max(SURE_MOTION * degrees(abs(nearest - balance.rest)), 5.0)
+    return {
+        "stiffness": about(balance.stiffness, share, "N m/rad"),
+        "rest_angle": within(degrees(balance.rest), spread, "deg"),
+    }
+
+
+def _needed_spring(low: float, high: float, joint: FoundJoint, balance: JointBalance) -> object:
     """Return the spring of a joint that tendons pull one way only, over angles from `low` to
     `high`.
     """
-    side = 1.0 if pulls[0][1] > 0.0 else -1.0
+    arm = joint.pulls[0][1]
+    side = 1.0 if arm > 0.0 else -1.0
     nearest, farthest = (low, high) if side > 0.0 else (high, low)
-    if balance.stiffness > 0.0:
-        rest = -balance.offset / balance.stiffness
-        if side * (nearest - rest) > 0.0:
-            spread = max(SURE_MOTION * abs(degrees(nearest - rest)), 5.0)
-            return {
-                "stiffness": about(balance.stiffness, 0.4, "N m/rad"),
-                "rest_angle": within(degrees(rest), spread, "deg"),
-            }
-    tension = median(drive.tension for drive, _ in pulls)
+    if balance.stiffness > 0.0 and side * (nearest - balance.rest) > 0.0:
+        return _spring(balance, 0.4, nearest)
     rest = nearest - side * ASSUMED.spring_below
-    stiffness = abs(pulls[0][1]) * tension / max(abs(farthest - rest), 0.1)
+    stiffness = abs(arm) * joint.tension / max(abs(farthest - rest), 0.1)
     guess = {
         "stiffness": about(stiffness, 0.6, "N m/rad"),
         "rest_angle": within(degrees(rest), 15.0, "deg"),
@@ -300,8 +262,8 @@ def _spring(
     return Guess(guess, "springs that bring joints back")
 
 
-def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
-    """Return the sensors of a drive; `rates` are the columns' samples per second [Hz]."""
+def drive_sensors(drive: FoundDrive) -> list[Raw]:
+    """Return the sensors of a drive."""
     column = drive.position
     position = _sensor(drive.name, "position", column)
     if column.si == "count":
@@ -310,7 +272,7 @@ def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
         position["counts_per_turn"] = counts if is_seen else Guess(counts, "counts of encoders")
     if drive.gear != 1.0:
         position["gear"] = Guess(drive.gear, "gears of motors")
-    position |= {"sign": drive.position_sign, **_errors(column, rates)}
+    position |= {"sign": drive.position_sign, **_errors(column)}
     if drive.is_pair:
         spread = max(drive.structure.zero_spread / drive.gear, THRESHOLDS.zero_std)
         position["bias"] = within(drive.structure.zero / drive.gear, spread, "rad")
@@ -323,17 +285,17 @@ def drive_sensors(drive: FoundDrive, rates: Mapping[str, float]) -> list[Raw]:
         force["torque_constant"] = Guess(constant, "forces: torque constants")
     elif effort.si == "N" and not drive.is_slider:
         force["lever"] = Guess(number(1e3 * drive.lever, "mm"), "lengths: levers of load cells")
-    return [position, force | {"sign": drive.effort_sign, **_errors(effort, rates)}]
+    return [position, force | {"sign": drive.effort_sign, **_errors(effort)}]
 
 
-def reference(joint: FoundJoint, rates: Mapping[str, float]) -> Raw:
+def reference(joint: FoundJoint) -> Raw:
     """Return the reference sensor of a joint, whose zero is that of the joint: no log tells
-    another; `rates` are the columns' samples per second [Hz].
+    another.
     """
-    column = joint.angle
-    sensor = _sensor(joint.name, "angle", column) | {"name": f"{joint.name}_reference"}
-    errors = _errors(column, rates)
-    return sensor | {"rate": errors["rate"], "noise": errors["noise"]}
+    sensor = _sensor(joint.name, "angle", joint.angle) | {"name": f"{joint.name}_reference"}
+    errors = _errors(joint.angle)
+    errors.pop("resolution", None)
+    return sensor | errors
 
 
 def _sensor(of: str, measures: str, column: ColumnRole) -> Raw:
@@ -341,13 +303,13 @@ def _sensor(of: str, measures: str, column: ColumnRole) -> Raw:
     return {"name": f"{of}_{measures}", "measures": measures, "of": of, **where}
 
 
-def _errors(column: ColumnRole, rates: Mapping[str, float]) -> Raw:
+def _errors(column: ColumnRole) -> Raw:
     """Return rate, noise and resolution of a column. Noise is at least that of its steps; of one
     that stays at a value for longer than noise lets it, the noise is its resolution.
     """
     values = column.values
     noise = max(values.noise, 0.3 * values.step, 1e-6 * values.width)
-    errors: Raw = {"rate": number(rates[column.header]), "noise": number(noise, column.unit)}
+    errors: Raw = {"rate": number(column.rate), "noise": number(noise, column.unit)}
     step = values.step
     # the chance that readings with this noise are alike, see `logs.raw_to_si`
     if noise > step and (step / (2.0 * pi**0.5 * noise)) ** (values.stays - 1) < IMPROBABLE:

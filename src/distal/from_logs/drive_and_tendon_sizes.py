@@ -15,15 +15,16 @@ setpoint u, its force F and its last direction of motion d, from −1 to 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from math import exp
+from statistics import median
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import RigError
-from distal.from_logs.column_names import ColumnRole, Columns
+from distal.from_logs.column_names import ColumnRole, Columns, of_role
 from distal.from_logs.motion_data import (
     BETTER,
     CLEAR,
@@ -41,9 +42,9 @@ from distal.from_logs.motion_data import (
 from distal.from_logs.which_drive_moves_what import (
     EXPLAINED,
     DriveStructure,
+    added_error,
     described,
     drive_structure,
-    with_joint,
 )
 from distal.logs import Log
 from distal.model.tendon_tensions import STEEPEST
@@ -99,7 +100,7 @@ def drive_friction(
     """
     matrix, efforts = stacked(_rows(log, drive, structure) for log in logs)
     # those of a drive that moves forward are above zero
-    efforts = np.sign(per_speed) * efforts
+    efforts *= np.sign(per_speed)
     solution = np.zeros(matrix.shape[1])
     if len(efforts) >= len(solution):
         first, stds = with_errors(matrix, efforts, max(log.window for log in logs))
@@ -114,15 +115,14 @@ def drive_friction(
     # half of the difference between both directions, and what grows with speed and acceleration
     back, damping, inertia = solution[-3:].tolist()
     usual = abs(back)
-    share = 0.0
-    share_std = 0.0
+    share = share_std = 0.0
     if structure.growth != 0.0:
         # the stretch is that of e − d f(e), so that g = −b f and h = −∂(b f)/∂e with ∂b/∂e = 2 q
         force = structure.hysteresis / structure.compliance
         grows = structure.growth - 2.0 * structure.curvature * force
-        is_growing = grows * structure.effort * structure.hysteresis > 0.0
-        share = abs(grows / structure.compliance) if is_growing else 0.0
-        share_std = abs(structure.growth_std / structure.compliance)
+        if grows * structure.effort * structure.hysteresis > 0.0:
+            share = abs(grows / structure.compliance)
+            share_std = abs(structure.growth_std / structure.compliance)
         usual = abs(force)
     return DriveFriction(
         usual=usual * constant,
@@ -230,9 +230,6 @@ class FoundDrive:
 Drives = Sequence[FoundDrive]
 """The drives of one rig."""
 
-Pulls = Sequence[tuple[FoundDrive, float]]
-"""The drives that move a joint, each with its moment arm there [m]."""
-
 
 def found_drive(
     logs: Logs,
@@ -258,12 +255,11 @@ def found_drive(
     gear = 1.0 if is_slider or ratio <= THRESHOLDS.largest_ratio else float(round(ratio))
     lever = 1.0 if is_slider else ASSUMED.radius
     constant = to_si(ASSUMED.torque_constant.value, "N m/A") if is_current else 1.0
-    efforts = np.concatenate([log.efforts[:, index] for log in logs])
-    is_read = bool(np.isfinite(efforts).all())
-    knows = is_read and structure.knows_compliance
+    is_read = effort is not None
+    knows = structure.knows_compliance
     falls = structure.compliance < 0.0 if knows else is_read and is_reversed(logs, index, structure)
     effort_sign = -1 if falls else 1
-    pulls = effort_sign * efforts * constant
+    pulls = effort_sign * constant * np.concatenate([log.efforts[:, index] for log in logs])
     low, high = np.quantile(pulls, [0.05, 0.95])
     both = low < 0.0 < high and min(-low, high) > TWO_SIDED * max(-low, high)
     is_pair = not is_slider and (both if is_read else not is_opposed)
@@ -273,7 +269,9 @@ def found_drive(
     winding = -1 if is_negative and not is_pair else 1
     stiffness, stiffness_std = to_si(ASSUMED.stiffness, "N/m"), 0.0
     if knows:
-        stiffness, stiffness_std = _stiffness(structure, constant * gear / lever**2, is_pair)
+        share = 2.0 if is_pair else 1.0
+        stiffness = constant * gear / lever**2 / (share * abs(structure.compliance))
+        stiffness_std = max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2)
     if knows and is_current:
         # the scale of force is free: it is chosen so that the tendon is a usual one
         usual = float(np.clip(stiffness, *THRESHOLDS.usual_stiffness))
@@ -290,9 +288,11 @@ def found_drive(
     if is_read:
         per_speed = effort_sign * constant * gear
         friction = drive_friction(logs, index, structure, constant, per_speed, not is_current)
-    stiffening = (
-        0.0 if is_pair or not knows else _stiffening(structure, stiffness * lever / constant)
-    )
+    stiffening = 0.0
+    if knows and not is_pair:
+        # a of T = T_pre + k (exp(a δ) − 1)/a, by dδ/dT = 1/K and d²δ/dT² = −a/K², dT/dδ = K
+        bend = structure.curvature * np.sign(structure.effort) / structure.compliance
+        stiffening = max(float(-2.0 * stiffness * lever / constant * bend), 0.0)
     if stiffening > 0.0:
         loose = max(stiffness - stiffening * usual, exp(-STEEPEST) * stiffness)
         pretension = max(loose * float(np.expm1(-stiffening * zero)) / stiffening, 0.0)
@@ -326,31 +326,38 @@ def found_drive(
     )
 
 
-def _stiffness(structure: DriveStructure, per_turn: float, is_pair: bool) -> tuple[float, float]:
-    """Return the stiffness of one tendon [N/m] by how far a drive stretches it per effort, and its
-    relative std; `per_turn` is the stiffness of effort per turn of 1.
-    """
-    share = 2.0 if is_pair else 1.0
-    spread = max(2.0 * abs(structure.compliance_std / structure.compliance), 0.2)
-    return per_turn / (share * abs(structure.compliance)), spread
-
-
-def _stiffening(structure: DriveStructure, per_effort: float) -> float:
-    """Return a of T = T_pre + k (exp(a δ) − 1)/a [1/m] by what a drive moves, with the stiffness
-    times the lever per unit of effort: dδ/dT = 1/K and d²δ/dT² = −a/K², where dT/dδ = K.
-    """
-    bend = structure.curvature * np.sign(structure.effort) / structure.compliance
-    return max(float(-2.0 * per_effort * bend), 0.0)
-
-
 @dataclass(frozen=True)
 class FoundJoint:
-    """A joint with its column; where it follows another rigidly, that and the ratio."""
+    """A joint with its index and its column; where it follows another rigidly, that and the ratio;
+    and the drives that move it, each with its moment arm there [m].
+    """
 
-    name: str
+    index: int
     angle: ColumnRole
-    follows: str | None = None
+    follows: FoundJoint | None = None
     ratio: float = 1.0
+    pulls: Sequence[tuple[FoundDrive, float]] = ()
+
+    @property
+    def name(self) -> str:
+        """Its name in a rig file."""
+        return self.angle.part
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the forces of all its tendons are read."""
+        return bool(self.pulls) and all(drive.effort is not None for drive, _ in self.pulls)
+
+    @property
+    def tension(self) -> float:
+        """Usual tension of its tendons [N]."""
+        return median(drive.tension for drive, _ in self.pulls)
+
+    @property
+    def is_pulled_both_ways(self) -> bool:
+        """Whether tendons pull it to both sides, so that it needs no spring."""
+        sides = {arm > 0.0 for _, arm in self.pulls}
+        return len(sides) > 1 or any(drive.is_pair for drive, _ in self.pulls)
 
     @property
     def noise(self) -> float:
@@ -362,32 +369,26 @@ Joints = Sequence[FoundJoint]
 """The joints of one rig, in the order of their columns."""
 
 
-def pulls_of(joint: int, drives: Drives) -> Pulls:
-    """Return the drives that move a joint, each with its moment arm there [m]."""
-    return [
-        (drive, float(drive.arms[drive.structure.joints.index(joint)]))
+def with_pulls(joint: FoundJoint, drives: Drives) -> FoundJoint:
+    """Return a joint with the drives that move it."""
+    pulls = [
+        (drive, float(arm))
         for drive in drives
-        if joint in drive.structure.joints
+        for j, arm in zip(drive.structure.joints, drive.arms)
+        if j == joint.index
     ]
+    return replace(joint, pulls=pulls)
 
 
-def pulled_both_ways(pulls: Pulls) -> bool:
-    """Return whether tendons pull a joint to both sides, so that it needs no spring; `pulls` are
-    the drives that move it with their moment arms.
-    """
-    sides = {arm > 0.0 for _, arm in pulls}
-    return len(sides) > 1 or any(drive.is_pair for drive, _ in pulls)
-
-
-def torque_of(joint: int, pulls: Pulls, log: MotionData) -> tuple[Floats, Bools]:
+def torque_of(joint: FoundJoint, log: MotionData) -> tuple[Floats, Bools]:
     """Return the torque of tendons on a joint while their drives move, Σ r T, (n_samples,) [N m],
-    by the drives of `pulls` with their moment arms r [m], less what the drives themselves need; and
-    when joint and drives move, so that friction acts against their directions, (n_samples,).
+    with their moment arms r [m], less what the drives themselves need; and when joint and drives
+    move, so that friction acts against their directions, (n_samples,).
     """
-    angle = log.angles[:, joint]
+    angle = log.angles[:, joint.index]
     moves = log.is_fast(angle) & np.isfinite(angle)
     total = np.zeros(len(log.time))
-    for drive, arm in pulls:
+    for drive, arm in joint.pulls:
         moves &= log.moves(drive.index)
         factor = drive.effort_sign * drive.winding * drive.torque_constant / drive.lever
         efforts = log.efforts[:, drive.index]
@@ -407,10 +408,10 @@ def unexplained(logs: Logs, without: Sequence[int] = ()) -> Floats:
     """
     parts = []
     for log in logs:
-        positions = np.delete(log.positions, without, axis=1)
-        known = np.column_stack([positions, log.angles])[log.is_known]
-        parts.append(known - known.mean(axis=0) if len(known) else known)
-    positions, angles = np.split(np.vstack(parts), [positions.shape[1]], axis=1)
+        samples = np.column_stack([log.positions, log.angles])[log.is_known]
+        parts.append(samples - samples.mean(axis=0) if len(samples) else samples)
+    positions, angles = np.split(np.vstack(parts), [logs[0].positions.shape[1]], axis=1)
+    positions = np.delete(positions, without, axis=1)
     left = angles - positions @ np.linalg.lstsq(positions, angles)[0]
     return np.asarray(np.sum(left**2, axis=0) / np.maximum(np.sum(angles**2, axis=0), 1e-300))
 
@@ -420,14 +421,14 @@ def joints_of(references: Columns, logs: Logs) -> list[FoundJoint]:
     angles = np.vstack([log.angles[log.is_known] for log in logs])
     joints = list[FoundJoint]()
     for j, column in enumerate(references):
-        joint = FoundJoint(column.part, column)
-        for i, before in enumerate(joints):
+        joint = FoundJoint(j, column)
+        for before in joints:
             if before.follows is not None or len(angles) < 10:
                 continue
-            slope, offset = np.polyfit(angles[:, i], angles[:, j], 1)
-            residuals = angles[:, j] - slope * angles[:, i] - offset
+            line = np.polynomial.Polynomial.fit(angles[:, before.index], angles[:, j], 1)
+            residuals = angles[:, j] - line(angles[:, before.index])
             if rms(residuals) < THRESHOLDS.rigid * np.ptp(angles[:, j]):
-                joint = FoundJoint(column.part, column, before.name, float(slope))
+                joint = FoundJoint(j, column, before, float(line.convert().coef[1]))
                 break
         joints.append(joint)
     return joints
@@ -444,8 +445,8 @@ def drives_of(
     Raises:
         RigError: no drive moves a joint that is `free`.
     """
-    positions = [column for column in columns if column.role == "position"]
-    efforts = {column.part: column for column in columns if column.role == "effort"}
+    positions = of_role(columns, "position")
+    efforts = {column.part: column for column in of_role(columns, "effort")}
     structures = dict[int, DriveStructure]()
     left = []
     for d, column in enumerate(positions):
@@ -501,12 +502,15 @@ def _move_all(
             continue
         rival = _rival_of(joint, structures)
         if rival is not None:
-            moved = structures[rival]
-            structures[rival] = described(logs, rival, moved.rival, moved.joints)
+            swapped = structures[rival]
+            structures[rival] = described(logs, rival, swapped.rival, swapped.joints)
         elif structures and is_explained[joint]:
-            ways = {d: with_joint(logs, d, other, joint) for d, other in structures.items()}
-            best = min(ways, key=lambda d: ways[d][1])
-            structures[best] = ways[best][0]
+            added = {
+                d: added_error(logs, d, other.joints, joint) for d, other in structures.items()
+            }
+            best = min(added, key=lambda d: added[d])
+            moved = tuple(sorted((*structures[best].joints, joint)))
+            structures[best] = described(logs, best, moved, ())
             shared.append((joint, best))
     return shared
 
@@ -604,9 +608,9 @@ REVERSAL = 3.0
 random error. Source: judgement.
 """
 
-TRIMMED = 3.0
-"""Residual beyond which a sample is an outlier and is left out, in robust standard deviations.
-Source: judgement.
+TRIMMED = 4.44
+"""Residual beyond which a sample is an outlier and is left out, in medians of absolute residuals.
+Source: judgement (three robust standard deviations of 1.48).
 """
 
 LEAST_RATIO = 3.0
@@ -627,54 +631,37 @@ def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
     """
     servos: dict[str, object] = {}
     for drive in rig.drives:
-        parts = [part for log in logs if (part := _servo_rows(log, rig, drive)) is not None]
-        if not parts:
+        parts = [part for log in logs for part in _servo_rows(log, rig, drive)]
+        if sum(len(errors) for _, errors in parts) < FEWEST_OF_DRIVE:
             continue
-        matrix, left = (np.concatenate(each) for each in zip(*((m, y) for m, y, _ in parts)))
-        count = sum(seconds for _, _, seconds in parts) / INDEPENDENT_TIME
-        if len(left) < FEWEST_OF_DRIVE:
-            continue
-        values, errors = _trimmed(matrix, left, count)
+        matrix, errors = stacked(parts)
+        window = max(round(INDEPENDENT_TIME / np.mean(np.diff(logs[0].time))), 1)
+        kept = np.ones(len(errors), dtype=bool)
+        for _ in range(3):
+            values, stds = with_errors(matrix[kept], errors[kept], window)
+            residuals = np.abs(errors - matrix @ values)
+            kept = residuals <= TRIMMED * np.median(residuals[kept]) + 1e-12
         path = f"drives.{drive.name}.servo"
-        if values[0] > LEAST_RATIO * errors[0]:
+        if values[0] > LEAST_RATIO * stds[0]:
             servos[f"{path}.stiffness"] = float(f"{1.0 / values[0]:.6g}")
-        if values[1] > LEAST_RATIO * errors[1]:
+        if values[1] > LEAST_RATIO * stds[1]:
             servos[f"{path}.dead_band"] = float(f"{values[1]:.6g}")
     return servos
 
 
-def _servo_rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, float] | None:
-    """Return the columns F, d and ds/dt of a drive, (k, 3), its errors u − s, (k,), and the length
-    of the log [s]; None where the log lacks setpoint, position or force.
+def _servo_rows(log: Log, rig: Rig, drive: Capstan | Slider) -> Iterator[Equations]:
+    """Yield the columns F, d and ds/dt of a drive, (k, 3), and its errors u − s, (k,); nothing
+    where the log lacks setpoint, position or force.
     """
-    sensors = {s.measures: s for s in rig.sensors if s.of == drive.name}
-    if drive.name not in log.goals or not {"position", "force"} <= set(sensors):
-        return None
-    position, force = (log.channels.get(sensors[kind].name) for kind in ("position", "force"))
-    if position is None or force is None:
-        return None
-    goal = log.goals[drive.name]
+    sensors = {s.measures: s for s in rig.sensors if s.of == drive.name and s.name in log.channels}
+    if drive.name not in log.goals or not {"position", "force"} <= {*sensors}:
+        return
+    position, force = (log.channels[sensors[kind].name] for kind in ("position", "force"))
     half = max(REVERSAL * sensors["position"].noise, 1e-9)
     is_read = np.isfinite(position)
     way = np.full(len(log), np.nan)  # the last direction of motion, −1 to 1
     way[is_read] = (position[is_read] - played(position[is_read], half)) / half
     matrix = np.column_stack([force, way, np.gradient(position, log.time)])
-    left = goal - position
-    known = np.isfinite(matrix).all(axis=1) & np.isfinite(left)
-    return matrix[known], left[known], float(np.ptp(log.time)) * float(known.mean())
-
-
-def _trimmed(matrix: Floats, left: Floats, count: float) -> tuple[Floats, Floats]:
-    """Return coefficients by least squares without outliers, and their standard errors if `count`
-    samples are independent.
-    """
-    kept = np.ones(len(left), dtype=bool)
-    values = np.zeros(matrix.shape[1])
-    for _ in range(3):
-        values[:] = np.linalg.lstsq(matrix[kept], left[kept], rcond=None)[0]
-        rest = left - matrix @ values
-        spread = 1.48 * float(np.median(np.abs(rest[kept]))) + 1e-12
-        kept = np.abs(rest) <= TRIMMED * spread
-    information = matrix[kept].T @ matrix[kept] * min(count / len(left), 1.0)
-    inverse = np.linalg.pinv(information)
-    return values, spread * np.sqrt(np.maximum(np.diagonal(inverse), 0.0))
+    errors = log.goals[drive.name] - position
+    known = np.isfinite(matrix).all(axis=1) & np.isfinite(errors)
+    yield matrix[known], errors[known]

@@ -27,7 +27,7 @@ drives are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, radians
 from typing import NamedTuple
@@ -39,10 +39,8 @@ from scipy.stats import poisson, truncnorm
 
 from distal.arrays import Bools, Floats
 from distal.from_logs.drive_and_tendon_sizes import (
-    Drives,
+    FoundJoint,
     Joints,
-    Pulls,
-    pulls_of,
     torque_of,
 )
 from distal.from_logs.motion_data import (
@@ -72,12 +70,12 @@ class Links:
     """What logs tell of links.
 
     Args:
-        masses: mass of each link with its standard deviation [g].
+        masses: index of a joint → mass of its link with its standard deviation [g].
         gravity: along x and z of the base [m/s²], by links of the assumed length; 0 where the logs
             do not show it.
     """
 
-    masses: tuple[tuple[float, float], ...]
+    masses: Mapping[int, tuple[float, float]]
     gravity: tuple[float, float]
 
 
@@ -112,7 +110,6 @@ def links_of(
     rig: Rig,
     carrying: Sequence[int],
     joints: Joints,
-    drives: Drives,
     logs: Logs,
 ) -> Links | None:
     """Return what logs tell of the links, None where these do not explain other logs better than
@@ -122,13 +119,12 @@ def links_of(
         rig: the rig with guessed masses, and gravity along x and z.
         carrying: indices of the joints that have a link.
         joints: in the order of their columns.
-        drives: all of them.
         logs: all of them.
     """
     count = len(carrying)
     torques = _torques_of_masses(rig, [joint.name for joint in joints], carrying)
-    parts = [_equations(log, carrying, joints, drives, torques) for log in logs]
-    parts = [part for part in parts if part]
+    of_logs = (_equations(log, carrying, joints, torques) for log in logs)
+    parts = [part for part in of_logs if part]
     if not parts:
         return None
     rows = [equations for part in parts for equations in part]
@@ -137,42 +133,30 @@ def links_of(
     def as_links(row: _Equations) -> Floats:
         return np.column_stack([row.masses, row.gravity @ (1e-3 * masses)])
 
-    terms = FRICTION
+    terms: Sequence[int] = FRICTION
     errors = _errors(parts, as_links, FRICTION)
     tared = _errors(parts, as_links, WITH_OFFSET)
-    if _better(tared, errors):
-        terms = WITH_OFFSET
-        errors = tared
-    if not _better(errors, _errors(parts, lambda row: row.masses[:, :0], (*terms, INERTIA))):
+    if np.mean(tared / errors) < BETTER:
+        terms, errors = WITH_OFFSET, tared
+    alone = _errors(parts, lambda row: row.masses[:, :0], (*terms, INERTIA))
+    if not np.mean(errors / alone) < BETTER:
         return None
     matrix, target = _system(rows, as_links, terms)
     solution, spreads = with_errors(matrix, target, max(row.window for row in rows))
     x, z = solution[count : count + 2].tolist()
     is_clear = np.hypot(x, z) > CLEAR * np.max(spreads[count : count + 2])
-    return Links(tuple(zip(masses.tolist(), stds.tolist())), (x, z) if is_clear else (0.0, 0.0))
+    with_stds = zip(masses.tolist(), stds.tolist())
+    return Links(dict(zip(carrying, with_stds)), (x, z) if is_clear else (0.0, 0.0))
 
 
 def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     """Return the mass of each link and its standard deviation [g], (count,)."""
     matrix, target = _system(rows, lambda row: row.masses, WITH_WEIGHT)
-    left = target - matrix @ scaled_solution(matrix, target)
-    noise = max(row.window for row in rows) * max(float(np.mean(left**2)), 1e-300)
-    size = np.maximum(rms(matrix), 1e-300)
-    scaled = matrix / size
-    prior = 1e-3 * MASS * size
-    precision = np.zeros(len(prior))
-    precision[:count] = prior[:count] ** -2
-    covariance = np.linalg.pinv(scaled.T @ scaled / noise + np.diag(precision))
-    solution = covariance @ (scaled.T @ target / noise + precision * prior)
-    stds = 1e3 * np.sqrt(np.diag(covariance)[:count]) / size[:count]
-    means = 1e3 * solution[:count] / size[:count]
+    window = max(row.window for row in rows)
+    solution, errors = with_errors(matrix, target, window, [1e-3 * MASS] * count)
+    means, stds = 1e3 * solution[:count], 1e3 * errors[:count]
     above_zero = truncnorm(-means / stds, np.inf, means, stds)
     return above_zero.mean(), above_zero.std()
-
-
-def _better(errors: Floats, usual: Floats) -> bool:
-    """Return whether RMS errors of joints are clearly less than the `usual` ones, in the mean."""
-    return bool(len(errors)) and bool(np.mean(errors / usual) < BETTER)
 
 
 def _errors(
@@ -199,9 +183,8 @@ def _system(
     joints = sorted({of_joint.joint for of_joint in equations})
     parts = []
     for of_joint in equations:
-        columns = of_joint.terms[:, terms]
-        blocks = [columns * (joint == of_joint.joint) for joint in joints]
-        parts.append((np.column_stack([shared(of_joint), *blocks]), of_joint.torques))
+        blocks = np.kron(np.equal(joints, of_joint.joint), of_joint.terms[:, terms])
+        parts.append((np.column_stack([shared(of_joint), blocks]), of_joint.torques))
     return stacked(parts)
 
 
@@ -232,7 +215,6 @@ def _equations(
     log: MotionData,
     carrying: Sequence[int],
     joints: Joints,
-    drives: Drives,
     torques_at: ca.Function,
 ) -> list[_Equations]:
     """Return the equations of each joint that carries a link, on one log; none of a short one."""
@@ -245,7 +227,7 @@ def _equations(
     columns = [np.array(part).reshape(q.shape[1], len(q), -1) for part in parts]
     equations = []
     for link, j in enumerate(carrying):
-        terms, torques, moves = _terms(j, pulls_of(j, drives), log, log.is_known, window)
+        terms, torques, moves = _terms(joints[j], log, log.is_known, window)
         equations.append(
             _Equations(
                 joint=link,
@@ -261,13 +243,13 @@ def _equations(
 
 @dataclass(frozen=True)
 class JointBalance:
-    """Stiffness K [N m/rad], the torque at zero angle −K θ₀ [N m], damping b [N m s/rad], inertia I
-    [kg m²] and friction f [N m] of a joint, 0 where the logs do not show them. The logs show that
-    inertia is at most `most_inertia`, and clearly that there is a spring where `has_spring`.
+    """Stiffness K [N m/rad], rest angle θ₀ [rad], damping b [N m s/rad], inertia I [kg m²] and
+    friction f [N m] of a joint, 0 where the logs do not show them. The logs show that inertia is at
+    most `most_inertia`, and clearly that there is a spring where `has_spring`.
     """
 
     stiffness: float = 0.0
-    offset: float = 0.0
+    rest: float = 0.0
     damping: float = 0.0
     inertia: float = 0.0
     friction: float = 0.0
@@ -275,57 +257,42 @@ class JointBalance:
     has_spring: bool = False
 
 
-def joint_balance(
-    joint: int,
-    noise: float,
-    pulls: Pulls,
-    logs: Logs,
-) -> JointBalance:
-    """Return what a joint needs of its tendons, as far as the logs show it.
-
-    Args:
-        joint: index of the joint.
-        noise: standard deviation of its reference [rad].
-        pulls: the drives that move it, each with its moment arm [m].
-        logs: all of them.
-    """
-    if not pulls or any(drive.effort is None for drive, _ in pulls):
+def joint_balance(joint: FoundJoint, logs: Logs) -> JointBalance:
+    """Return what a joint needs of its tendons, as far as the logs show it."""
+    if not joint.is_read:
         return JointBalance()
     parts = []
     windows = []
     for log in logs:
-        usable = np.isfinite(log.angles[:, joint])
-        windows.append(window_of(log.angles[usable, joint], log.step, noise))
-        if usable.sum() >= 2 * windows[-1]:
-            columns, values, _ = _terms(joint, pulls, log, usable, windows[-1])
+        usable = np.isfinite(log.angles[:, joint.index])
+        window = window_of(log.angles[usable, joint.index], log.step, joint.noise)
+        if usable.sum() >= 2 * window:
+            columns, values, _ = _terms(joint, log, usable, window)
             parts.append((columns[:, :5], values))
-    if not parts:
+        windows.append(window)
+    if sum(len(torques) for _, torques in parts) < 5:
         return JointBalance()
     matrix, torques = stacked(parts)
-    if len(torques) < matrix.shape[1]:
-        return JointBalance()
     coefficients, stds = with_errors(matrix, torques, max(windows))
     clear = coefficients > CLEAR * stds
-    shown = np.where(clear, coefficients, 0.0)
     plain = scaled_solution(matrix[:, [0, 1, 4]], torques)
     stiffness, offset = (coefficients if clear[2:4].any() else plain)[:2].tolist()
-    damping, inertia, friction = shown[2:].tolist()
+    damping, inertia, friction = np.where(clear, coefficients, 0.0)[2:].tolist()
     most_inertia = float(max(coefficients[3], 0.0) + WITHIN * stds[3])
-    return JointBalance(
-        stiffness, offset, damping, inertia, friction, most_inertia, bool(shown[0] > 0.0)
-    )
+    rest = -offset / stiffness
+    return JointBalance(stiffness, rest, damping, inertia, friction, most_inertia, bool(clear[0]))
 
 
 def _terms(
-    joint: int, pulls: Pulls, log: MotionData, usable: Bools, window: int
+    joint: FoundJoint, log: MotionData, usable: Bools, window: int
 ) -> tuple[Floats, Floats, Bools]:
     """Return the columns θ, 1, dθ/dt, d²θ/dt², sign(dθ/dt), sin θ and cos θ of `usable` samples
     and the torques, both smoothed over a `window`, while joint and drives move; and when that is.
     """
-    angles = log.angles[usable, joint]
+    angles = log.angles[usable, joint.index]
     q, v, a = (smoothed(angles, window, log.step, order) for order in range(3))
     ways = smoothed(np.sign(v), window, log.step)
-    torque, moves = torque_of(joint, pulls, log)
+    torque, moves = torque_of(joint, log)
     torques = smoothed(torque[usable], window, log.step)
     read = np.isfinite(torques) & moves[usable]
     columns = np.column_stack([q, np.ones(len(q)), v, a, ways, np.sin(q), np.cos(q)])
@@ -392,69 +359,59 @@ class _Turn(NamedTuple):
     side: float
 
 
-def joint_stops(joint: int, drives: Drives, logs: Logs) -> tuple[float | None, float | None]:
-    """Return the lower and the upper stop of a joint [rad], None where the logs show none.
+def joint_stops(joint: FoundJoint, logs: Logs) -> tuple[float, float]:
+    """Return the lower and the upper stop of a joint [rad], infinite where the logs show none.
 
     Of n turning points on a range R, k are within w of the outermost by chance Σ e^(−λ) λ^j/j! over
     j ≥ k − 1, with λ = n w/R (Poisson). Where m of them rest within w′, that has the chance
     (w′/w)^(m−1). The share of other turning points that are as brisk is the chance of each one's
     briskness.
-
-    Args:
-        joint: index of the joint.
-        drives: all of them.
-        logs: all of them.
     """
-    moving = [drive.index for drive, _ in pulls_of(joint, drives)]
-    angles = np.concatenate([log.angles[:, joint] for log in logs])
+    moving = [drive.index for drive, _ in joint.pulls]
+    angles = np.concatenate([log.angles[:, joint.index] for log in logs])
     positions = np.vstack([log.positions[:, moving] for log in logs])
     finite = np.isfinite(angles)
-    if finite.sum() < 10:
-        return None, None
     columns = np.column_stack([np.ones(len(angles)), positions])
     line = np.linalg.lstsq(columns[finite], angles[finite])[0]
-    turns = [turn for log in logs for turn in _turns_of(log, joint, moving, line)]
+    turns = [turn for log in logs for turn in _turns_of(log, joint.index, moving, line)]
     return _level(-1.0, turns), _level(1.0, turns)
 
 
-def _level(side: float, turns: Sequence[_Turn]) -> float | None:
-    """Return where a stop begins on one side, ±1, None where there is none."""
+def _level(side: float, turns: Sequence[_Turn]) -> float:
+    """Return where a stop begins on one side, ±1, infinite where there is none."""
     angles, by_drives, settled, briskness, sides = np.reshape(turns, (-1, len(_Turn._fields))).T
     outward = side * angles
     on_side = np.flatnonzero(sides == side)
     order = on_side[np.argsort(-outward[on_side])]
-    reach = float(np.ptp(outward)) if turns else 0.0
-    level = None
+    level = side * inf
     least = CHANCE
     for count in range(2, len(order) // 2 + 1):
         members = order[:count]
         width = float(np.ptp(outward[members]))
         parted = np.ptp(by_drives[members]) > max(PARTED * width, PROMINENCE)
-        if width > SOFT or not parted:
+        sharp = np.mean(briskness[members]) > BRISK
+        if width > SOFT or not parted or not sharp:
             continue
-        gathered = poisson.sf(count - 2, len(order) * width / reach)
+        chance = poisson.sf(count - 2, len(order) * width / np.ptp(outward))
         rests = settled[members][np.isfinite(settled[members])]
         together = len(rests) > 1 and np.ptp(rests) < min(width, CLOSE)
         if together:
-            gathered *= (np.ptp(rests) / width) ** (len(rests) - 1)
-        elsewhere = briskness[np.setdiff1d(np.arange(len(outward)), members)]
+            chance *= (np.ptp(rests) / width) ** (len(rests) - 1)
+        elsewhere = np.delete(briskness, members)
         as_brisk = np.sum(elsewhere >= briskness[members, None], axis=1)
-        brisk = np.prod((1 + as_brisk) / (1 + len(elsewhere)))
-        sharp = np.mean(briskness[members]) > BRISK
-        if sharp and gathered * brisk < least:
-            least = gathered * brisk
-            innermost = side * np.min(outward[members])
-            level = float(np.median(rests) if together else innermost)
+        chance *= np.prod((1 + as_brisk) / (1 + len(elsewhere)))
+        if chance < least:
+            least = chance
+            level = float(np.median(rests) if together else angles[members[-1]])
     return level
 
 
 def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) -> list[_Turn]:
     """Return the turning points of a log, by the `line` of the drives' positions."""
-    angle = log.angles[:, joint]
-    rows = np.flatnonzero(np.isfinite(angle))
+    rows = np.flatnonzero(np.isfinite(log.angles[:, joint]))
     if len(rows) < 3:
         return []
-    angle = angle[rows]
+    angle = log.angles[rows, joint]
     time = log.time[rows]
     step = float(np.median(np.diff(time)))
     near, far = (max(1, round(time_around / step)) for time_around in (ARRIVAL, BRAKING))
@@ -462,23 +419,23 @@ def _turns_of(log: MotionData, joint: int, drives: Sequence[int], line: Floats) 
         return []
     begin, end = (round(time_after / step) for time_after in REST_TIMES)
     speed = np.gradient(angle, time)
-    usual = float(rms(speed))
     by_drives = line[0] + log.positions[rows][:, drives] @ line[1:]
     turns = []
     for side in (1.0, -1.0):
         outward = side * angle
         for turn in find_peaks(outward, prominence=PROMINENCE)[0]:
             below = np.flatnonzero(outward[:turn] < outward[turn] - CLOSE)
-            arrival = int(below[-1]) + 1 if len(below) else 0
+            arrival = below[-1] + 1 if len(below) else 0
             lost, all_lost = (
                 np.ptp(speed[max(arrival - width, 0) : arrival + width + 1])
                 for width in (near, far)
             )
             after = angle[turn + begin : turn + end]
-            stays = len(after) > 0 and np.ptp(after) < CLOSE
-            settled = float(np.median(after)) if stays else np.nan
+            settled = np.nan
+            if len(after) and np.ptp(after) < CLOSE:
+                settled = float(np.median(after))
             if abs(settled - angle[turn]) > PROMINENCE:
                 settled = np.nan
-            brisk = lost / max(all_lost, usual)
+            brisk = lost / max(all_lost, rms(speed))
             turns.append(_Turn(angle[turn], by_drives[turn], settled, brisk, side))
     return turns

@@ -12,7 +12,8 @@ import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import pi
+from itertools import product
+from math import inf, pi
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,8 @@ from scipy.ndimage import convolve1d, correlate1d, distance_transform_edt
 from scipy.signal import medfilt, savgol_coeffs, savgol_filter
 
 from distal.arrays import Bools, Floats
-from distal.errors import LogError, RigError
-from distal.from_logs.column_names import SURE, ColumnRole, Columns, Names, as_role
+from distal.errors import LogError
+from distal.from_logs.column_names import SURE, ColumnRole, Columns, Names, as_role, of_role
 from distal.logs import (
     Column,
     Episode,
@@ -77,16 +78,15 @@ ROWS = "evenly spaced rows"
 """Column of the time of rows whose rate a user gave [s]. Source: definition (the name)."""
 
 
-def read_raw(path: Source, rows: int | None = None, rate: float | None = None) -> RawLog:
+def read_raw(path: Source, rate: float | None) -> RawLog:
     """Return a log (CSV, Parquet, HDF5, MCAP, a ROS bag, a LeRobot episode or a frame) with all its
-    columns, or their first `rows`; with the time `ROWS` where their `rate` is given [Hz]. It is
-    without empty rows, registers that hold a sign are decoded, and single wild readings missing.
+    columns, and the time `ROWS` where the `rate` of its rows is given [Hz]. It is without empty
+    rows, registers that hold a sign are decoded, and single wild readings missing.
 
     Raises:
         LogError: it cannot be read, holds no numbers, or has fewer than `FEWEST` rows.
     """
     cells = open_table(path, None, TIME)
-    cells = replace(cells, columns={name: cells.columns[name][:rows] for name in cells.names})
     source = str(path) if isinstance(path, (str, Path, Episode)) else cells.source
     if cells.rows < FEWEST:
         raise LogError(
@@ -138,17 +138,22 @@ def _is_mostly_numeric(column: Column) -> bool:
     return statistics.mode(bool(_NUMBER.fullmatch(cell.strip())) for cell in column)
 
 
-def without_repeats(log: RawLog, time: str) -> tuple[RawLog, str | None]:
-    """Return a log without repeated stamps, and what was done (`log.time.repeated`), None where
+def without_repeats(logs: list[RawLog], time: str) -> tuple[list[RawLog], str | None]:
+    """Return logs without repeated stamps, and what was done (`log.time.repeated`), None where
     there are none: where most rows share theirs, they are spread, else the first ones are kept.
     """
-    first = np.diff(log.columns[time], prepend=-np.inf) > 0.0
-    if first.all():
-        return log, None
-    if 2 * first.sum() <= len(first):
-        return replace(log, columns={**log.columns, time: spread(log.columns[time])}), "spread"
-    kept = {name: values[first] for name, values in log.columns.items()}
-    return replace(log, columns=kept), "first"
+    first = [np.diff(log.columns[time], prepend=-np.inf) > 0.0 for log in logs]
+    every = np.concatenate(first)
+    if every.all():
+        return logs, None
+    is_spread = 2 * every.sum() <= len(every)
+    cleaned = []
+    for log, rows in zip(logs, first):
+        columns = {name: values[rows] for name, values in log.columns.items()}
+        if is_spread:
+            columns = {**log.columns, time: spread(log.columns[time])}
+        cleaned.append(replace(log, columns=columns))
+    return cleaned, "spread" if is_spread else "first"
 
 
 def with_same_columns(logs: Sequence[RawLog]) -> tuple[list[RawLog], dict[str, str]]:
@@ -185,6 +190,8 @@ def time_column(logs: Sequence[RawLog], names: Names) -> str:
     Raises:
         LogError: there is none, or one that is called a time goes back or lacks values.
     """
+    if ROWS in names:
+        return ROWS
     steps = {h: np.concatenate([np.diff(log.columns[h]) for log in logs]) for h in names}
     increasing = [
         header
@@ -194,11 +201,16 @@ def time_column(logs: Sequence[RawLog], names: Names) -> str:
         and all(len(np.unique(log.columns[header])) > 2 for log in logs)
     ]
     called_time = [header for header, name in names.items() if name.scores["time"] >= SURE]
-    if not set(called_time) & set(increasing):
-        for header in called_time:
-            _check_increasing(header, logs)
-    if ROWS in names:
-        return ROWS
+    wrong = () if {*called_time} & {*increasing} else called_time
+    for header, log in product(wrong, logs):
+        stamps = log.columns[header]
+        bad = np.flatnonzero(~(np.diff(stamps) >= 0.0))
+        if len(bad):
+            before, after = stamps[bad[0] : bad[0] + 2]
+            raise LogError(
+                f"{log.source}: '{header}' goes back, or has no value, after sample {bad[0] + 1}: "
+                f"{before:g}, then {after:g}; a log is one run"
+            )
     if not increasing:
         raise LogError(
             f"no column of {logs[0].source} increases from row to row, so none is the time; the "
@@ -221,58 +233,37 @@ def time_column(logs: Sequence[RawLog], names: Names) -> str:
     return best
 
 
-def _check_increasing(header: str, logs: Sequence[RawLog]) -> None:
-    """Raise a `LogError` where a column that is called a time goes back or lacks values."""
-    for log in logs:
-        stamps = log.columns[header]
-        missing = np.flatnonzero(~np.isfinite(stamps))
-        if len(missing):
-            raise LogError(f"{log.source}: '{header}' has no value in sample {missing[0] + 1}")
-        back = np.flatnonzero(np.diff(stamps) < 0.0)
-        if len(back):
-            raise LogError(
-                f"{log.source}: '{header}' goes back after sample {back[0] + 1}, from "
-                f"{stamps[back[0]]:g} to {stamps[back[0] + 1]:g}; a log is one run"
-            )
+def with_rates(columns: Columns, logs: Sequence[RawLog]) -> list[ColumnRole]:
+    """Return columns with their rates, the time in the unit of its header where the rate is
+    possible, else by its steps.
 
-
-def time_of(columns: Columns, logs: Sequence[RawLog]) -> tuple[ColumnRole, list[str]]:
-    """Return the column of time with its unit, that of the header where the rate is possible, else
-    by the steps; and a sentence where the header says another.
+    Raises:
+        LogError: no unit of time makes a rate of that.
     """
-    time = next(column for column in columns if column.role == "time")
+    (time,) = of_role(columns, "time")
     steps = np.concatenate([np.diff(log.columns[time.header]) for log in logs])
     step = np.median(steps[steps > 0.0])
     named = time.unit or "s"
-    rates = {
-        unit: 1.0 / (step * size)
-        for unit, size in {named: unit_factor(named, "s"), **USUAL["s"]}.items()
-    }
+    rates = {unit: 1.0 / (step * unit_factor(unit, "s")) for unit in (named, *USUAL["s"])}
     slowest, fastest = RATES
-    possible = [unit for unit, rate in rates.items() if slowest <= rate <= fastest]
-    if not possible:
-        raise RigError(f"{time.header} steps by {step:g}: no unit makes a rate of that")
-    unit = possible[0]
-    notes = []
+    unit = next((unit for unit, rate in rates.items() if slowest <= rate <= fastest), None)
+    if unit is None:
+        raise LogError(f"{time.header} steps by {step:g}: no unit makes a rate of that")
+    evidence = time.evidence
     if unit != named:
-        notes.append(
-            f"{time.header} steps by {step:g}: taken as {unit}, since in {named} there would be "
+        evidence = (
+            f"it steps by {step:g}, taken as {unit}, since in {named} there would be "
             f"{rates[named]:.3g} samples in a second"
         )
-    return replace(time, unit=unit), notes
+    with_unit = replace(time, unit=unit, evidence=evidence)
+    factor = unit_factor(unit, "s")
 
+    def rate_of(header: str) -> float:
+        sampled = (log.columns[time.header][np.isfinite(log.columns[header])] for log in logs)
+        stamps = next((stamps for stamps in sampled if len(stamps) > 1), np.array([0.0, inf]))
+        return float(f"{(len(stamps) - 1) / max(np.ptp(stamps) * factor, 1e-9):.3g}")
 
-def rates_of(logs: Sequence[RawLog], time: ColumnRole) -> dict[str, float]:
-    """Return how often each column has a new sample [Hz]."""
-    rates = dict[str, float]()
-    for log in logs:
-        stamps = log.columns[time.header] * factor_of_column(time)
-        for name, values in log.columns.items():
-            there = np.isfinite(values)
-            if there.sum() > 1 and name not in rates:
-                span = max(np.ptp(stamps[there]), 1e-9)
-                rates[name] = float(f"{(there.sum() - 1) / span:.3g}")
-    return rates
+    return [replace(with_unit if c is time else c, rate=rate_of(c.header)) for c in columns]
 
 
 class THRESHOLDS:
@@ -471,17 +462,29 @@ def left_out(parts: Sequence[Equations]) -> list[Floats]:
     return residuals
 
 
-def with_errors(matrix: Floats, target: Floats, window: int) -> tuple[Floats, Floats]:
+def with_errors(
+    matrix: Floats, target: Floats, window: int, prior: Sequence[float] = ()
+) -> tuple[Floats, Floats]:
     """Return this solution of a `matrix`, (n_samples, n), for a `target`, (n_samples,), and its
-    standard errors, (n,) each, where the samples of a `window`, over which both sides are smoothed,
-    count as one.
+    standard errors, (n,) each.
+
+    Args:
+        matrix: columns, (n_samples, n).
+        target: (n_samples,).
+        window: number of samples over which both sides are smoothed, which count as one.
+        prior: mean, and standard deviation too, of the first coefficients; of the others nothing
+            is known before.
     """
     solution = scaled_solution(matrix, target)
-    left = rms(target - matrix @ solution)
+    noise = np.sqrt(window) * np.maximum(rms(target - matrix @ solution), 1e-150)
     size = np.maximum(rms(matrix), 1e-300)
     scaled = matrix / size
-    covariance = np.linalg.pinv(scaled.T @ scaled / window)
-    return solution, left * np.sqrt(np.diag(covariance)) / size
+    before = np.zeros(len(size))
+    before[: len(prior)] = noise / (size[: len(prior)] * prior)
+    covariance = np.linalg.pinv(scaled.T @ scaled + np.diag(before**2))
+    lacking = np.append(prior, solution[len(prior) :]) - solution
+    solution += covariance @ (before**2 * lacking * size) / size
+    return solution, noise * np.sqrt(np.diag(covariance)) / size
 
 
 def factor_of_column(column: ColumnRole) -> float:
@@ -556,10 +559,9 @@ Logs = Sequence[MotionData]
 
 def motion_data(log: RawLog, columns: Columns) -> MotionData:
     """Return a log as drives, efforts and joints, missing positions held."""
-    stamp = next(column for column in columns if column.role == "time")
-    drives = [column for column in columns if column.role == "position"]
-    joints = [column for column in columns if column.role == "angle"]
-    efforts = {column.part: column for column in columns if column.role == "effort"}
+    (stamp,) = of_role(columns, "time")
+    drives = of_role(columns, "position")
+    efforts = {column.part: column for column in of_role(columns, "effort")}
     stride = max(1, log.rows // THRESHOLDS.samples)
     time = log.columns[stamp.header] * factor_of_column(stamp)
 
@@ -597,5 +599,5 @@ def motion_data(log: RawLog, columns: Columns) -> MotionData:
         positions,
         directions,
         np.column_stack([smooth(efforts.get(column.part)) for column in drives]),
-        np.column_stack([smooth(column) for column in joints]),
+        np.column_stack([smooth(column) for column in of_role(columns, "angle")]),
     )

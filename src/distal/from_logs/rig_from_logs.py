@@ -14,7 +14,6 @@ import json
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import cast
 
@@ -33,7 +32,9 @@ from distal.from_logs.column_names import (
     Role,
     Sureness,
     ValueEvidence,
+    best_role,
     name_evidence,
+    of_role,
     value_evidence,
     with_families,
     with_units,
@@ -57,18 +58,17 @@ from distal.from_logs.drive_and_tendon_sizes import (
     drive_in_words,
     drives_of,
     joints_of,
-    pulls_of,
     unexplained,
+    with_pulls,
 )
 from distal.from_logs.link_masses_and_stops import MASS, Links, links_of
 from distal.from_logs.motion_data import (
     Logs,
     RawLog,
     motion_data,
-    rates_of,
     read_raw,
     time_column,
-    time_of,
+    with_rates,
     with_same_columns,
     with_values,
     without_repeats,
@@ -120,13 +120,8 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
         raise LogError(f"'{time}' is the only column that increases: it is the time")
     # nothing else is a second time
     scores = {header: {**names[header].scores, "time": -CERTAIN} for header in headers}
-    known: dict[str, Role] = {
-        header: "other"
-        for header in headers
-        if values[header].is_constant or names[header].best == "time"
-    }
-    known[time] = "time"
-    known |= roles_by_name
+    unused = [h for h in headers if values[h].is_constant or names[h].best == "time"]
+    known: dict[str, Role] = {**dict.fromkeys(unused, "other"), time: "time", **roles_by_name}
     for header, role in known.items():
         scores[header][role] = CERTAIN
     open_headers = [header for header in headers if header not in known]
@@ -145,14 +140,12 @@ def column_roles(logs: Sequence[RawLog], overrides: Overrides) -> list[ColumnRol
                 "the column with one like mm, deg, N, N mm, mA or counts, or leave it out by "
                 "--ignore"
             )
-        if header in roles_by_name:
-            column = replace(column, sureness="sure")
         if column.role == "effort":
             why = says_nothing(np.concatenate([log.columns[header] for log in logs]))
             if why is not None:
                 column = replace(column, role="other", evidence=why)
         found.append(column)
-    return with_units(_with_parts(found, names), names, drives)
+    return with_rates(with_units(_with_parts(found, names), names, drives), logs)
 
 
 def _header(name: str, headers: Sequence[str]) -> str:
@@ -176,7 +169,7 @@ def _tell_joints(
     Where names or units tell others, those whose names say nothing are passed over; where they tell
     neither, the last one may be a joint's. `scores` are changed in place.
     """
-    movers = [h for h in headers if _best(scores[h]) in ("position", "angle")]
+    movers = [h for h in headers if best_role(scores[h]) in ("position", "angle")]
     unclear = [header for header in movers if abs(names[header].margin) < LIKELY]
     named = {names[header].best for header in {*movers} - {*unclear}}
     others_say = len(named) > 1 or not all(names[header].says_nothing for header in unclear)
@@ -189,19 +182,15 @@ def _tell_joints(
         scores[unclear[-1]]["angle"] += LIKELY / 2.0
 
 
-def _best(scores: Mapping[Role, float]) -> Role:
-    return max(scores, key=lambda role: scores[role])
-
-
 def _role(
     header: str, scores: Mapping[Role, float], name: NameEvidence, values: ValueEvidence
 ) -> ColumnRole:
     """Return the best role of a column, with how sure it is."""
-    best = _best(scores)
+    best = best_role(scores)
     role: Role = best if scores[best] > 0.0 or name.says_nothing else "other"
     margin = scores[best] - max(0.0, *(scores[each] for each in scores if each != best))
     sureness: Sureness = "a guess"
-    if values.is_constant or role == "time" or name.scores[role] > 0.0:
+    if scores[best] >= CERTAIN or name.scores[role] > 0.0:
         sureness = "sure" if margin >= SURE else "likely" if margin >= LIKELY else "a guess"
     reasons = ["its name says so"] if name.scores[role] >= LIKELY else []
     if values.is_constant:
@@ -223,22 +212,20 @@ def _with_parts(columns: Columns, names: Names) -> list[ColumnRole]:
     """
     parts: dict[Role, dict[str, str]] = {role: {} for role in ROLES}
     for column in columns:
-        of_role = parts[column.role]
+        alike = parts[column.role]
         kind, otherwise = ("joint", "joint") if column.role == "angle" else ("m", "motor")
         subject = names[column.header].subject
         name = name_of(f"{kind}{subject}" if subject[:1].isdigit() else subject or otherwise, kind)
-        if name in of_role.values() or (not subject and of_role):
-            name = f"{name}_{len(of_role) + 1}"
-        of_role[column.header] = name
+        if name in alike.values() or (not subject and alike):
+            name = f"{name}_{len(alike) + 1}"
+        alike[column.header] = name
+    parts["time"] = parts["other"] = {}
     drives = list(parts["position"].values())
     for role in ("effort", "command"):
         left = [drive for drive in drives if drive not in parts[role].values()]
         unmatched = [header for header, name in parts[role].items() if name not in drives]
         parts[role] |= dict(zip(unmatched, left))
-    return [
-        replace(c, part="" if c.role in ("time", "other") else parts[c.role][c.header])
-        for c in columns
-    ]
+    return [replace(c, part=parts[c.role].get(c.header, "")) for c in columns]
 
 
 ROLE_OF: Mapping[str, Role] = {"position": "position", "force": "effort", "angle": "angle"}
@@ -283,10 +270,9 @@ def draft_columns(
     Raises:
         LogError: a log cannot be read, or has no time.
     """
-    raw, _ = with_same_columns([read_raw(path, rate=rate) for path in logs])
+    raw, _ = with_same_columns([read_raw(path, rate) for path in logs])
     columns = column_roles(raw, Overrides(truth, drives or {}, ignore))
-    time, _ = time_of(columns, raw)
-    rates = rates_of(raw, time)
+    (time,) = of_role(columns, "time")
     headers = {name for column in columns for name in (column.header, column_of(column))}
     assignments = list[str]()
     lines = list[str]()
@@ -297,7 +283,7 @@ def draft_columns(
         lines.append(f"the time is in column {time.header}")
     for measures, role in ROLE_OF.items():
         sensors = [sensor for sensor in rig.sensors if sensor.measures == measures]
-        alike = [column for column in columns if column.role == role]
+        alike = of_role(columns, role)
         by_part = {_plain(column.part): column for column in alike}
         parts = [_plain(sensor.of) for sensor in sensors]
         for sensor, part in zip(sensors, parts):
@@ -308,7 +294,7 @@ def draft_columns(
                 continue
             name = sensor.name
             assignments.append(f"sensors.{name}.column={_quoted(column)}")
-            assignments.append(f"sensors.{name}.rate={rates[column.header]}")
+            assignments.append(f"sensors.{name}.rate={column.rate}")
             if name_and_unit(column.header)[1] is not None:
                 assignments.append(f"sensors.{name}.unit='{column.unit}'")
             lines.append(f"{name} is read in column {column.header}")
@@ -326,15 +312,13 @@ def _plain(name: str) -> str:
     return re.sub(r"^(motor|servo|drive|m)(?=\d+$)", "", letters)
 
 
-def parents_of(joints: Joints, drives: Drives) -> list[int | None]:
+def parents_of(joints: Joints) -> list[int | None]:
     """Return the joint on whose link each joint sits, None for the base.
 
     Joints whose tendons' forces are not read, or that follow others, are on the base: no log shows
     the weight of what they carry.
     """
-    crossing = [{drive.index for drive, _ in pulls_of(j, drives)} for j in range(len(joints))]
-    read = {drive.index for drive in drives if drive.effort is not None}
-    crossing = [indices if indices <= read else set() for indices in crossing]
+    crossing = [{drive.index for drive, _ in joint.pulls if joint.is_read} for joint in joints]
     order = sorted(range(len(joints)), key=lambda j: (-len(crossing[j]), j))
     parents: list[int | None] = [None] * len(joints)
     for rank, j in enumerate(order):
@@ -344,42 +328,24 @@ def parents_of(joints: Joints, drives: Drives) -> list[int | None]:
     return parents
 
 
-def in_series(
-    raw: Raw,
-    joints: Joints,
-    drives: Drives,
-    logs: Logs,
-) -> Raw:
-    """Return a raw description in which joints in series carry links, if logs tell that they do.
-
-    Args:
-        raw: the description, in which each joint sits on the base.
-        joints: in the order of their columns.
-        drives: all of them.
-        logs: all of them.
+def in_series(raw: Raw, joints: Joints, logs: Logs) -> Raw:
+    """Return a raw description, in which each joint sits on the base, with links that joints in
+    series carry, if logs tell that they do.
     """
-    parents = parents_of(joints, drives)
+    parents = parents_of(joints)
     carrying = [j for j in range(len(joints)) if parents[j] is not None or j in parents]
     if not carrying:
         return raw
-    usual = Links(((MASS, MASS),) * len(carrying), (GRAVITY, GRAVITY))
-    rig = Imported.of(_with_links(raw, joints, parents, carrying, usual), "links", "logs", ()).rig
-    links = links_of(rig, carrying, joints, drives, logs)
-    if links is None:
-        return raw
-    return _with_links(raw, joints, parents, carrying, links)
+    usual = Links(dict.fromkeys(carrying, (MASS, MASS)), (GRAVITY, GRAVITY))
+    rig = Imported.of(_with_links(raw, joints, parents, usual), "links", "logs", ()).rig
+    links = links_of(rig, carrying, joints, logs)
+    return raw if links is None else _with_links(raw, joints, parents, links)
 
 
-def _with_links(
-    raw: Raw,
-    joints: Joints,
-    parents: Sequence[int | None],
-    carrying: Sequence[int],
-    links: Links,
-) -> Raw:
-    """Return a description in which the joints that are `carrying` have such links."""
-    described = deepcopy(cast(list[Raw], raw["joints"]))
-    for j, (mass, std) in zip(carrying, links.masses):
+def _with_links(raw: Raw, joints: Joints, parents: Sequence[int | None], links: Links) -> Raw:
+    """Return a description in which joints have such links."""
+    described = [{**joint} for joint in cast(list[Raw], raw["joints"])]
+    for j, (mass, std) in links.masses.items():
         parent = parents[j]
         described[j]["inertia"] = Guess("2e-6 kg m^2", "inertia of joints")
         described[j]["link"] = {
@@ -387,10 +353,9 @@ def _with_links(
             "centre": [number(2.0 * LENGTH / 3.0, "mm"), "0 mm", "0 mm"],
         }
         if parent is not None:
+            offset = [number(LENGTH, "mm"), "0 mm", "0 mm"]
             described[j]["parent"] = joints[parent].name
-            described[j]["offset"] = Guess(
-                [number(LENGTH, "mm"), "0 mm", "0 mm"], "lengths of links"
-            )
+            described[j]["offset"] = Guess(offset, "lengths of links")
     along_x, along_z = (number(part, "m/s^2") for part in links.gravity)
     gravity: object = [along_x, "0 m/s^2", along_z]
     if links.gravity == (0.0, 0.0):
@@ -401,11 +366,10 @@ def _with_links(
 
 def _in_order(joints: Joints, parents: Sequence[int | None]) -> list[int]:
     """Return the joints, each behind the one that carries it and the one that it follows."""
-    names = [joint.name for joint in joints]
 
     def path(j: int) -> tuple[int, ...]:
         follows = joints[j].follows
-        before = parents[j] if follows is None else names.index(follows)
+        before = parents[j] if follows is None else follows.index
         return (j,) if before is None else (*path(before), j)
 
     return sorted(range(len(joints)), key=path)
@@ -425,7 +389,6 @@ Source: `distal.logs.Log.columns`.
 def raw_description(
     title: str,
     time: Raw,
-    rates: Mapping[str, float],
     joints: Joints,
     drives: Drives,
     logs: Logs,
@@ -435,7 +398,6 @@ def raw_description(
     Args:
         title: name of the rig.
         time: where a log has it.
-        rates: header of a column → its samples per second [Hz].
         joints: in the order of their columns.
         drives: the same.
         logs: all of them.
@@ -449,19 +411,15 @@ def raw_description(
         "name": title,
         "taken": taken,
         "log": {"time": time},
-        "joints": [raw_joint(j, joint, drives, logs) for j, joint in enumerate(joints)],
+        "joints": [raw_joint(joint, logs) for joint in joints],
         "drives": [raw_drive(drive) for drive in drives],
         "tendons": [tendon for drive in drives for tendon in raw_tendons(drive, joints)],
         "sensors": [
-            *(sensor for drive in drives for sensor in drive_sensors(drive, rates)),
-            *(
-                reference(joint, rates)
-                for joint in joints
-                if not joint.angle.header.startswith(TRUTH)
-            ),
+            *(sensor for drive in drives for sensor in drive_sensors(drive)),
+            *(reference(joint) for joint in joints if not joint.angle.header.startswith(TRUTH)),
         ],
     }
-    return in_series(raw, joints, drives, logs)
+    return in_series(raw, joints, logs)
 
 
 def _knows_force(effort: ColumnRole | None) -> bool:
@@ -516,38 +474,33 @@ def rig_from_logs(
         RigError: no drive or no joint can be found; says what would help.
     """
     overrides = Overrides(truth, drives or {}, ignore)
-    # what names leave open is asked before long logs are read
-    _ask(column_roles([read_raw(logs[0], FIRST_ROWS, rate)], overrides))
-    raw, lacking = with_same_columns([read_raw(path, rate=rate) for path in logs])
+    raw, lacking = with_same_columns([read_raw(path, rate) for path in logs])
     columns = column_roles(raw, overrides)
     _ask(columns)
-    references = [column for column in columns if column.role == "angle"]
-    time, notes = time_of(columns, raw)
-    notes += left_columns(raw, columns, lacking)
-    columns = [time if column.role == "time" else column for column in columns]
-    pairs = [without_repeats(log, time.header) for log in raw]
-    repeated = next((done for _, done in pairs if done), None)
+    (time,) = of_role(columns, "time")
+    notes = left_columns(raw, columns, lacking)
+    rows = np.concatenate([np.diff(log.columns[time.header]) for log in raw])
+    raw, repeated = without_repeats(raw, time.header)
     if repeated:
         done = "they are spread evenly" if repeated == "spread" else "the first ones are kept"
-        count = sum(log.rows - len(np.unique(log.columns[time.header])) for log in raw)
-        notes.append(f"{count} rows have the stamp of the row before: {done}")
-    raw = [log for log, _ in pairs]
+        notes.append(f"{np.sum(rows == 0.0)} rows have the stamp of the row before: {done}")
     data = [motion_data(log, columns) for log in raw]
     _ask_others(columns, raw)
     notes += remarks(raw, columns, data)
-    joints = joints_of(references, data)
+    joints = joints_of(of_role(columns, "angle"), data)
     free = [j for j, joint in enumerate(joints) if joint.follows is None]
     moving, untellable, left = drives_of(columns, joints, free, data)
     notes += left
+    joints = [with_pulls(joint, moving) for joint in joints]
     check_arms(joints, moving)
-    asked = [c.header for c in references if {c.header, name_and_unit(c.header)[0]} & {*truth}]
-    notes += check_explained(joints, free, data, asked)
+    headers = [column.header for column in columns]
+    notes += check_explained(joints, free, data, [_header(name, headers) for name in truth])
     log_time: Raw = {"column": column_of(time), "unit": time.unit}
     if repeated:
         log_time["repeated"] = repeated
     if rate is not None:
         log_time = {"rate": rate}
-    description = raw_description(name, log_time, rates_of(raw, time), joints, moving, data)
+    description = raw_description(name, log_time, joints, moving, data)
     imported = Imported.of(description, name, "logs", ())
     return RigFromLogs(
         imported.rig,
@@ -560,24 +513,18 @@ def rig_from_logs(
     )
 
 
-FIRST_ROWS = 2000
-"""Rows of the first log by which columns are asked before the others are read. Source: judgement.
-"""
-
-
 def _ask(columns: Columns) -> None:
     """Raise a `RigError` where it is open which columns are drives and which are joints; it
     proposes the options that say so.
     """
-    positions = [column for column in columns if column.role == "position"]
-    references = [column for column in columns if column.role == "angle"]
+    positions = of_role(columns, "position")
+    references = of_role(columns, "angle")
+    every = one_line("; ".join(f"{column.header}: {column.role}" for column in columns), 180)
     if not positions:
-        raise RigError(
-            f"no column is taken as a drive's position ({_all(columns)}); name one by --drive"
-        )
+        raise RigError(f"no column is taken as a drive's position ({every}); name one by --drive")
     if not references:
         raise RigError(
-            f"no column is taken as a joint's angle ({_all(columns)}); name one by --truth. "
+            f"no column is taken as a joint's angle ({every}); name one by --truth. "
             "Logs tell how far joints turn only with such a column, from a camera or a temporary "
             "encoder: three logs of 40 s are enough"
         )
@@ -595,10 +542,10 @@ def _ask_others(columns: Columns, raw: Sequence[RawLog]) -> None:
     """Raise a `RigError` where a column whose name says nothing moves as the drives do, so that it
     may be a joint that was forgotten.
     """
-    joints = ",".join(column.header for column in columns if column.role == "angle")
-    others = [column for column in columns if column.role != "angle"]
-    for column in columns:
-        if column.role != "other" or column.sureness != "a guess":
+    joints = ",".join(column.header for column in of_role(columns, "angle"))
+    others = of_role(columns, "time", "position")
+    for column in of_role(columns, "other"):
+        if column.sureness != "a guess":
             continue
         as_angle = replace(column, role="angle", unit="", si="")
         moved = [motion_data(log, [*others, as_angle]) for log in raw]
@@ -610,7 +557,3 @@ def _ask_others(columns: Columns, raw: Sequence[RawLog]) -> None:
                 f"does not say what it is. Is it a joint, --truth {every}, or none of this, "
                 f"--ignore {shlex.quote(column.header)}?"
             )
-
-
-def _all(columns: Columns) -> str:
-    return one_line("; ".join(f"{column.header}: {column.role}" for column in columns), 180)

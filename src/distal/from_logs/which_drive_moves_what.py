@@ -32,7 +32,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import RigError
-from distal.from_logs.column_names import Columns, longest_run
+from distal.from_logs.column_names import Columns, longest_run, of_role
 from distal.from_logs.motion_data import (
     BETTER,
     THRESHOLDS,
@@ -159,16 +159,12 @@ def drive_structure(logs: Logs, drive: int, free: Sequence[int]) -> DriveStructu
     return described(logs, drive, chosen, next(iter(rivals), ()))
 
 
-def with_joint(
-    logs: Logs, drive: int, structure: DriveStructure, joint: int
-) -> tuple[DriveStructure, float]:
-    """Return what a drive moves if it moves one joint more, and its mean squared error on logs left
-    out over that without this joint.
+def added_error(logs: Logs, drive: int, joints: tuple[int, ...], joint: int) -> float:
+    """Return the mean squared error of a drive that moves one joint more than `joints`, on logs
+    left out, over that without it.
     """
     folds = folds_of(logs, drive)
-    more = tuple(sorted((*structure.joints, joint)))
-    ratio = _error(folds, more) / _error(folds, structure.joints)
-    return described(logs, drive, more, ()), ratio
+    return _error(folds, (*joints, joint)) / _error(folds, joints)
 
 
 def folds_of(logs: Logs, drive: int, moving: bool = False) -> Folds:
@@ -198,10 +194,8 @@ def folds_of(logs: Logs, drive: int, moving: bool = False) -> Folds:
 
 def _candidates(folds: Folds, free: Sequence[int]) -> list[tuple[int, ...]]:
     """Return the sets of joints that a drive may move."""
-    joints = list(free)
-    if len(joints) > THRESHOLDS.joints_at_once:
-        alone = {j: _error(folds, (j,)) for j in joints}
-        joints = sorted(sorted(joints, key=lambda j: alone[j])[: THRESHOLDS.joints_at_once])
+    by_error = sorted(free, key=lambda j: _error(folds, (j,)))
+    joints = sorted(by_error[: THRESHOLDS.joints_at_once])
     return [chosen for size in range(1, len(joints) + 1) for chosen in combinations(joints, size)]
 
 
@@ -273,13 +267,11 @@ def described(
     """
     n = len(joints)
     folds = folds_of(logs, drive, moving=True)
-    has_effort = folds[0].others.shape[1] > 1
     effort = 0.0
     forms: tuple[str, ...] = ()
-    if has_effort:
+    if folds[0].others.shape[1] > 1:
         effort = float(np.mean(np.concatenate([fold.others[:, 1] for fold in folds])))
-        forms = _clear_forms(folds, joints, effort)
-        folds = _with_forms(folds, forms, effort)
+        folds, forms = _with_clear_forms(folds, joints, effort)
     coefficients = _sizes(folds, joints)
     stds = _jackknife(folds, joints)
     terms = ("direction", "effort", *forms)
@@ -291,10 +283,9 @@ def described(
         + by_term["curvature"] * effort**2
         for fold in folds
     ]
-    every = folds_of(logs, drive)
-    alone = [fold._replace(others=fold.others[:, :0]) for fold in every]
+    alone = [fold._replace(others=fold.others[:, :0]) for fold in folds_of(logs, drive)]
     left = _error(alone, joints)
-    total = np.var(pooled(every, joints)[1])
+    total = np.var(pooled(alone, joints)[1])
     return DriveStructure(
         joints=joints,
         ratios=coefficients[:n],
@@ -316,38 +307,37 @@ def described(
 
 def _jackknife(folds: Folds, joints: Sequence[int]) -> Floats:
     """Return the standard errors of the coefficients, by their scatter over logs left out."""
-    count = len(folds)
-    left_out = np.array(
-        [_sizes([f for i, f in enumerate(folds) if i != k], joints) for k in range(count)]
-    )
-    return np.asarray(np.sqrt(count - 1) * left_out.std(axis=0))
+    sizes = [_sizes([*folds[:k], *folds[k + 1 :]], joints) for k in range(len(folds))]
+    return np.asarray(np.sqrt(len(folds) - 1) * np.std(sizes, axis=0))
 
 
-def _clear_forms(folds: Folds, joints: Sequence[int], effort: float) -> tuple[str, ...]:
-    """Return those of the terms `growth` and `curvature` that help on logs left out, the more
-    helpful one first.
+def _with_clear_forms(
+    folds: Folds, joints: Sequence[int], effort: float
+) -> tuple[Folds, tuple[str, ...]]:
+    """Return logs with the columns of those of the terms `growth` and `curvature`, about a mean
+    `effort`, that help on logs left out, and these terms, the more helpful one first.
     """
     forms: tuple[str, ...] = ()
     least = _error(folds, joints)
     while left := [form for form in ("growth", "curvature") if form not in forms]:
-        errors = {form: _error(_with_forms(folds, (*forms, form), effort), joints) for form in left}
+        extended = {form: _with_form(folds, form, effort) for form in left}
+        errors = {form: _error(extended[form], joints) for form in left}
         best = min(left, key=lambda form: errors[form])
         if errors[best] > BETTER**2 * least:
             break
         forms = (*forms, best)
+        folds = extended[best]
         least = errors[best]
-    return forms
+    return folds, forms
 
 
-def _with_forms(folds: Folds, forms: Sequence[str], effort: float) -> Folds:
-    """Return logs with the columns of some terms about a mean `effort`."""
+def _with_form(folds: Folds, form: str, effort: float) -> Folds:
+    """Return logs with the column of a term about a mean `effort`."""
     extended = []
     for fold in folds:
-        direction = fold.others[:, 0]
-        beyond = fold.others[:, 1] - effort
-        columns = {"growth": direction * beyond, "curvature": beyond**2}
-        terms = np.column_stack([fold.others, *(columns[form] for form in forms)])
-        extended.append(fold._replace(others=terms))
+        direction, beyond = fold.others[:, 0], fold.others[:, 1] - effort
+        column = beyond * (direction if form == "growth" else beyond)
+        extended.append(fold._replace(others=np.column_stack([fold.others, column])))
     return extended
 
 
@@ -367,8 +357,8 @@ def left_columns(raw: Sequence[RawLog], columns: Columns, lacking: Mapping[str, 
     texts = dict.fromkeys(name for log in raw for name in log.texts)
     if texts:
         notes.append(f"these columns hold text and are left out: {', '.join(texts)}")
-    for column in columns:
-        if column.header not in lacking or column.role in ("other", "command"):
+    for column in of_role(columns, "position", "effort", "angle", "time"):
+        if column.header not in lacking:
             continue
         where = lacking[column.header]
         if column.role != "angle":
@@ -386,13 +376,20 @@ def remarks(raw: Sequence[RawLog], columns: Columns, data: Logs) -> list[str]:
     Raises:
         RigError: no rig can be written because of a mistake, or of several.
     """
-    (name,) = _headers(columns, "time")
-    wrong = [*_other_rates(raw, name)]
+    name = of_role(columns, "time")[0].header
+    steps = [np.median(np.diff(log.columns[name])) for log in raw]
+    usual = np.median(steps)
+    wrong = [
+        f"{log.source}: {name} steps by {step:g}, in the other logs by {usual:g}; is it in another "
+        "unit? Correct the file"
+        for log, step in zip(raw, steps)
+        if not 1.0 / OTHER_UNIT <= step / usual <= OTHER_UNIT
+    ]
     for log in raw:
         wrong += _still(log, columns)
     if wrong:
         raise RigError("; ".join(wrong))
-    headers = _headers(columns, "position", "effort", "angle")
+    headers = [column.header for column in of_role(columns, "position", "effort", "angle")]
     lines = []
     for log in raw:
         gaps = Log(log.columns[name], {}).gaps()
@@ -403,32 +400,19 @@ def remarks(raw: Sequence[RawLog], columns: Columns, data: Logs) -> list[str]:
             for header, count in log.wild.items()
             if count and header in headers
         ]
-        for header in _headers(columns, "angle"):
-            away = jumps_away(log.columns[header])
+        for column in of_role(columns, "angle"):
+            values = log.columns[column.header]
+            away = jumps_away(values)
             if away.any():
-                lines.append(f"{log.source}: {header} {said_of_jumps(log.columns[header], away)}")
+                lines.append(f"{log.source}: {column.header} {said_of_jumps(values, away)}")
     return [*lines, *odd_log(data)]
-
-
-def _headers(columns: Columns, *roles: str) -> list[str]:
-    return [column.header for column in columns if column.role in roles]
-
-
-def _other_rates(raw: Sequence[RawLog], name: str) -> Iterator[str]:
-    steps = [np.median(np.diff(log.columns[name])) for log in raw]
-    usual = np.median(steps)
-    for log, step in zip(raw, steps):
-        if max(step, usual) > OTHER_UNIT * min(step, usual):
-            yield (
-                f"{log.source}: {name} steps by {step:g}, in the other logs by {usual:g}; is it in "
-                "another unit? Correct the file"
-            )
 
 
 def _still(log: RawLog, columns: Columns) -> Iterator[str]:
     """Yield a sentence on each column that never changes, or not while all drives move."""
-    drives = [log.columns[header] for header in _headers(columns, "position")]
-    for header in _headers(columns, "position", "angle"):
+    drives = [log.columns[column.header] for column in of_role(columns, "position")]
+    for column in of_role(columns, "position", "angle"):
+        header = column.header
         there = np.flatnonzero(np.isfinite(log.columns[header]))
         if not len(there):
             continue
@@ -437,8 +421,7 @@ def _still(log: RawLog, columns: Columns) -> Iterator[str]:
         if count == len(there):
             yield f"{log.source}: {header} never changes there; leave this log out"
         elif all(
-            np.ptp(values[rows]) > THRESHOLDS.still_moves * max(np.ptp(values), 1e-300)
-            for values in drives
+            np.ptp(values[rows]) > THRESHOLDS.still_moves * np.ptp(values) for values in drives
         ):
             yield (
                 f"{log.source}: {header} stays at {log.columns[header][rows.start]:g} for "
