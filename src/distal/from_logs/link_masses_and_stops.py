@@ -135,6 +135,8 @@ def links_of(
 
     terms: Sequence[int] = FRICTION
     errors = _errors(parts, as_links, FRICTION)
+    if not len(errors):
+        return None
     tared = _errors(parts, as_links, WITH_OFFSET)
     if np.mean(tared / errors) < BETTER:
         terms, errors = WITH_OFFSET, tared
@@ -279,7 +281,7 @@ def joint_balance(joint: FoundJoint, logs: Logs) -> JointBalance:
     stiffness, offset = (coefficients if clear[2:4].any() else plain)[:2].tolist()
     damping, inertia, friction = np.where(clear, coefficients, 0.0)[2:].tolist()
     most_inertia = float(max(coefficients[3], 0.0) + WITHIN * stds[3])
-    rest = -offset / stiffness
+    rest = -offset / stiffness if stiffness else 0.0
     return JointBalance(stiffness, rest, damping, inertia, friction, most_inertia, bool(clear[0]))
 
 
