@@ -16,7 +16,7 @@ from distal.errors import ExportError
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
-from distal.simulation.plant import at_rest, plant_function
+from distal.simulation.plant import at_rest, input_layout, plant_function
 from tests.export.helpers import shared_library
 from tests.export.test_export import needs_compiler
 
@@ -90,7 +90,7 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
     nj, plant = made.plant.n_joints, Plant(made, tmp_path)
     plant.begin(1)
     pulls = np.zeros((200, 5, made.plant.n_bodies))
-    pulls[:, 0] = resting_inputs(made.plant).effort[0]
+    pulls[:, 0] = input_layout(made.plant).views(resting_inputs(made.plant))["effort"][0]
     pulls[:, 0, nj:] += 0.02 * np.sin(0.1 * np.arange(200))[:, None]
     pulls[100:, 2:, 0] = 0.05, 0.3, 1e-3  # a hand takes the first joint
     for pull in pulls:
@@ -134,7 +134,7 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
     rig = load_rig("template").with_values(changed)
     made = c_plant(rig, "p")
     plant, pull, drawn = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies)), Drawn(7)
-    pull[0] = resting_inputs(made.plant).effort[0]
+    pull[0] = input_layout(made.plant).views(resting_inputs(made.plant))["effort"][0]
     pull[0, made.plant.n_joints] += 1.0
     curves = []
     for sensor in rig.sensors:
@@ -174,7 +174,7 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
 def test_sensors_of_other_rates(tmp_path: Path) -> None:
     made = c_plant(load_rig("template").with_values({"sensors.2.rate": 25.0}), "p")
     plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
-    pull[0] = resting_inputs(made.plant).effort[0]
+    pull[0] = input_layout(made.plant).views(resting_inputs(made.plant))["effort"][0]
     read = np.array([plant.begin(1), *(plant.step(pull.ravel()) for _ in range(11))])
     np.testing.assert_array_equal(np.isfinite(read[:, 2]), np.arange(12) % 4 == 0)
     assert np.isfinite(read[:, 0]).all()

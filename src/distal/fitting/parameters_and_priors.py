@@ -328,7 +328,8 @@ def free_noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Fr
         )
     start = first.value
     std = NOISE_PRIOR * start if prior else float("nan")
-    low, high = start / NOISE_RANGE, start * NOISE_RANGE
+    low = start / NOISE_RANGE
+    high = start * NOISE_RANGE
     si = first.quantity.si
     shared = _of_all(rig, parameters)
     return Free(*shared, std, start, low, high, si, logarithmic=True, noise=True)

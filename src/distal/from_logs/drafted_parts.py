@@ -78,9 +78,13 @@ def raw_drive(drive: FoundDrive) -> Raw:
     """Return a drive."""
     raw: Raw = {"name": drive.name, "kind": "slider" if drive.is_slider else "capstan"}
     unit = "N" if drive.is_slider else "N m"
-    inertia, unit_of_inertia, unit_of_damping = "inertia", "kg m^2", "N m s"
+    inertia = "inertia"
+    unit_of_inertia = "kg m^2"
+    unit_of_damping = "N m s"
     if drive.is_slider:
-        inertia, unit_of_inertia, unit_of_damping = "mass", "kg", "kg/s"
+        inertia = "mass"
+        unit_of_inertia = "kg"
+        unit_of_damping = "kg/s"
         raw["mass"] = Guess("20 g", "masses of drives")
     else:
         raw["inertia"] = ASSUMED.motor_inertia
@@ -107,7 +111,8 @@ def _drive_friction(drive: FoundDrive, unit: str) -> object:
     if friction is None:
         constant = about(0.05 * drive.tension * drive.lever, 0.7, unit)
         return Guess({"constant": constant, "load": within(0.06, 0.04)}, "friction of drives")
-    usual, share = friction.usual, friction.share
+    usual = friction.usual
+    share = friction.share
     coulomb = usual / PARTS
     load = about(coulomb / drive.load, 1.0)
     if share > 0.0:
@@ -207,12 +212,15 @@ def _joint_friction(joint: FoundJoint, balance: JointBalance) -> object:
     does, such as a spring.
     """
     is_shown = balance.friction > 0.0 and joint.is_pulled_both_ways
-    coefficient, radius, preload = within(0.2, 0.1), number(AXLE, "mm"), within(1.0, 1.0, "N")
+    coefficient = within(0.2, 0.1)
+    radius = number(AXLE, "mm")
+    preload = within(1.0, 1.0, "N")
     if is_shown:
         load = sum(drive.load / drive.lever for drive, _ in joint.pulls)
         coefficient = about(balance.friction / (1e-3 * AXLE * load), SURE_MOTION)
     elif not joint.is_pulled_both_ways:
-        coefficient, radius = within(0.1, 0.08), "3 mm"
+        coefficient = within(0.1, 0.08)
+        radius = "3 mm"
         preload = about(joint.tension, 0.6, "N")
     friction = {"coefficient": coefficient, "radius": radius, "preload": preload}
     return friction if is_shown else Guess(friction, "friction of joints")

@@ -139,7 +139,8 @@ def links_of(
         return None
     tared = _errors(parts, as_links, WITH_OFFSET)
     if np.mean(tared / errors) < BETTER:
-        terms, errors = WITH_OFFSET, tared
+        terms = WITH_OFFSET
+        errors = tared
     alone = _errors(parts, lambda row: row.masses[:, :0], (*terms, INERTIA))
     if not np.mean(errors / alone) < BETTER:
         return None
@@ -156,7 +157,8 @@ def _masses(rows: Sequence[_Equations], count: int) -> tuple[Floats, Floats]:
     matrix, target = _system(rows, lambda row: row.masses, WITH_WEIGHT)
     window = max(row.window for row in rows)
     solution, errors = with_errors(matrix, target, window, [1e-3 * MASS] * count)
-    means, stds = 1e3 * solution[:count], 1e3 * errors[:count]
+    means = 1e3 * solution[:count]
+    stds = 1e3 * errors[:count]
     above_zero = truncnorm(-means / stds, np.inf, means, stds)
     return above_zero.mean(), above_zero.std()
 

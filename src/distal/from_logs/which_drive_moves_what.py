@@ -335,7 +335,8 @@ def _with_form(folds: Folds, form: str, effort: float) -> Folds:
     """Return logs with the column of a term about a mean `effort`."""
     extended = []
     for fold in folds:
-        direction, beyond = fold.others[:, 0], fold.others[:, 1] - effort
+        direction = fold.others[:, 0]
+        beyond = fold.others[:, 1] - effort
         column = beyond * (direction if form == "growth" else beyond)
         extended.append(fold._replace(others=np.column_stack([fold.others, column])))
     return extended

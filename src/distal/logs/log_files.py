@@ -175,6 +175,8 @@ def _with_whole_rows(table: Cells, clock: Clock) -> tuple[Cells, Clock]:
     stamps, columns = together(
         {name: (since[at[name]].astype(np.int64), held[name][at[name]]) for name in held}
     )
+    if not np.isfinite([*columns.values()]).all(axis=0).any():
+        return table, clock
     none = np.full(len(stamps), np.nan)
     joined = replace(table, columns={name: columns.get(name, none) for name in table.columns})
     return joined, Clock(stamps.astype(np.float64) * 1e-9) if dates is None else dated(stamps)

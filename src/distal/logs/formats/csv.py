@@ -80,7 +80,8 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
         packed = file.peek(len(GZIP)).startswith(GZIP)
         plain = gzip.GzipFile(fileobj=file) if packed else file
         begin = plain.peek(4)
-        code, otherwise = "utf-8-sig", "surrogateescape"
+        code = "utf-8-sig"
+        otherwise = "surrogateescape"
         if begin.startswith(WIDE_MARKS) or begin[1:4:2] == b"\0\0":
             code = "utf-16" if begin.startswith(WIDE_MARKS) else "utf-16-le"
             otherwise = "replace"
