@@ -494,6 +494,40 @@ def test_an_interruption_anywhere_leaves_the_motors_where_they_are() -> None:
     assert own.goals == pytest.approx({"motor_1": 0.1, "motor_2": 0.0}, abs=1e-9)
 
 
+def test_an_interruption_holds_though_its_first_goals_are_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own, ahead = Own(), list[float]()
+    plain, lost = own.write, list[object]()
+
+    def sleep(_: float) -> None:
+        ahead.append(own.goals["motor_1"] - 0.1)
+        if len(ahead) == 60:
+            raise KeyboardInterrupt
+
+    def write(goals: dict[str, float]) -> None:
+        if len(ahead) == 60 and not lost:
+            lost.append(goals)
+            raise OSError("port is busy")
+        plain(goals)
+
+    monkeypatch.setattr(own, "write", write)
+    with pytest.raises(CommandError, match="aborted: interrupted"):
+        Hand(own, sound_rig(), compiled=False).power_on(sleep=sleep, now=own.now)
+    assert len(lost) == 1
+    assert max(ahead) > 0.2
+    assert own.goals == pytest.approx({"motor_1": 0.1, "motor_2": 0.0}, abs=1e-9)
+
+
+def test_a_current_is_never_taken_for_the_angle_of_a_motor_that_did_not_answer(orca: Orca) -> None:
+    motors = OrcaMotors(orca, sound_rig())
+    orca.positions, orca.currents = np.array([0.2, 0.3]), np.array([50.0, 60.0])
+    positions = {"motor_1_position": 0.2, "motor_2_position": 0.3}
+    assert motors.read() == positions | {"motor_1_current": 50.0, "motor_2_current": 60.0}
+    orca.positions = np.array([0.2])
+    assert motors.read() == {}
+
+
 @pytest.mark.parametrize(
     ("heat", "why"),
     [

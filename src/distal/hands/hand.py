@@ -93,10 +93,12 @@ class OrcaMotors:
         currents = list(self._hand.get_motor_current())
         if not (answered and self._answered()):
             return {}
-        columns = [f"{name}_{what}" for what in ("position", "current") for name in self._names]
+        if not len(positions) == len(currents) == len(self._names):
+            return {}  # whose readings are missing is not known
         return {
-            column: float(value)
-            for column, value in zip(columns, [*positions, *currents])
+            f"{name}_{what}": float(value)
+            for what, values in (("position", positions), ("current", currents))
+            for name, value in zip(self._names, values)
             if value is not None and not isnan(value)
         }
 
@@ -206,9 +208,6 @@ class Hand:
         rig: of that hand, best after `power_on` or `distal calibrate`.
         compensated: whether torque constants follow the motors' temperatures.
 
-    Attributes:
-        rig: description of the hand, after `power_on` the calibrated one.
-
     Raises:
         EstimationError: the hand is of no known kind, or its motors are not the rig's.
         RigError: the rig is unknown or wrong.
@@ -234,7 +233,7 @@ class Hand:
         """Begin with a description of the hand, or go on with another one: the motors stay in the
         turns in which they are by the `units`.
         """
-        self.rig = rig
+        self._rig = rig
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         # its ranges are those of the rig that was found, by which a motor's turn is known
@@ -266,7 +265,7 @@ class Hand:
             command = self._inverse.step(time, self._desired, sample)
             self._reading = command.reading
             self._held_back = command.note
-            names = self.rig.drive_names
+            names = self._rig.drive_names
             self._gate.confirm(self._write(dict(zip(names, command.positions.tolist()))))
             self._limit(self._gate.holding)
         for motors, what in (
@@ -302,7 +301,7 @@ class Hand:
                 f"'{next(iter(values))}' was read, no column of the rig: "
                 f"{', '.join(self._units.columns[:4])}, …"
             )
-        positions = self.rig.sensors_of("position")
+        positions = self._rig.sensors_of("position")
         self._silent = tuple(s.of for s in positions if s.log_column not in read)
         try:
             temperatures = self._temperatures if self._compensated else None
@@ -322,7 +321,7 @@ class Hand:
             self._temperatures = {
                 name: float(value)
                 for name, value in self._motors.temperatures().items()
-                if name in self.rig.drive_names
+                if name in self._rig.drive_names
                 and isinstance(value, (int, float, np.number))
                 and abs(value) <= HOTTEST
             }
@@ -342,11 +341,16 @@ class Hand:
         return self._degrees(self._reading.angle_stds)
 
     def _degrees(self, values: tuple[float, ...]) -> dict[str, float]:
-        return dict(zip(self.rig.joint_names, map(degrees, values)))
+        return dict(zip(self._rig.joint_names, map(degrees, values)))
 
     @property
     def _hot(self) -> dict[str, float]:
         return {name: value for name, value in self._temperatures.items() if value > HOT}
+
+    @property
+    def rig(self) -> Rig:
+        """Description of the hand, after `power_on` the calibrated one."""
+        return self._rig
 
     def health(self) -> HandHealth:
         """Return the state of the hand at the last `update`."""
@@ -376,14 +380,14 @@ class Hand:
         if self._units.in_doubt:
             names = ", ".join(self._units.in_doubt)
             raise CommandError(f"in which of its turns {names} is, is not known: call power_on")
-        unknown = _without_zero(self.rig)
+        unknown = _without_zero(self._rig)
         if unknown:
             raise CommandError(
                 f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent: "
                 "call power_on, or take the rig that distal calibrate wrote"
             )
-        ranges = {joint.name: joint.travel for joint in self.rig.joints if joint.coupled is None}
-        angles = dict(zip(self.rig.joint_names, self._reading.angles))
+        ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
+        angles = dict(zip(self._rig.joint_names, self._reading.angles))
         desired = {name: angles[name] for name in ranges} | self._desired
         for name, angle in positions.items():
             if name in angles and name not in ranges:
@@ -402,7 +406,7 @@ class Hand:
             desired[name] = radians(float(np.clip(angle, low, high)))
         self._desired = desired
         if self._inverse is None:
-            self._inverse = LiveInverse(self.rig, compiled=self._compiled, gate=self._gate)
+            self._inverse = LiveInverse(self._rig, compiled=self._compiled, gate=self._gate)
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
 
     @property
@@ -415,7 +419,7 @@ class Hand:
         """Motor → what its sensor reads where the rig has zero, in the unit of the log: it changes
         where the motor counts from another turn.
         """
-        return {s.of: self._units.logged(s.name, 0.0) for s in self.rig.sensors_of("position")}
+        return {s.of: self._units.logged(s.name, 0.0) for s in self._rig.sensors_of("position")}
 
     def relax(self) -> None:
         """Drop all desired angles: `update` then sends no goals."""
@@ -433,7 +437,7 @@ class Hand:
         held_back.update(self._units.in_doubt)
         sent = {
             sensor.of: self._units.logged(sensor.name, goals[sensor.of])
-            for sensor in self.rig.sensors_of("position")
+            for sensor in self._rig.sensors_of("position")
             if isfinite(goals[sensor.of]) and sensor.of not in held_back
         }
         try:
@@ -449,8 +453,8 @@ class Hand:
         """Limit the torques of motors that stand [N m] to what they hold, where servos have a
         limit.
         """
-        most = holding + CLEARLY * by_drive(self.rig, "force", lambda sensor: sensor.noise, 0.0)
-        torques = zip(self.rig.drive_names, most.tolist())
+        most = holding + CLEARLY * by_drive(self._rig, "force", lambda sensor: sensor.noise, 0.0)
+        torques = zip(self._rig.drive_names, most.tolist())
         limits = {name: torque for name, torque in torques if isfinite(torque)}
         if limits == self._limits or not hasattr(self._motors, "limit_torques"):
             return
@@ -490,10 +494,10 @@ class Hand:
         """
         if record is not None:
             check_outputs([Path(record)])
-        routine = Routine(self.rig, options)
+        routine = Routine(self._rig, options)
         shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it
-        self._units = LogUnits(self.rig, self._live.channels, ranged=False, doubting=False)
+        self._units = LogUnits(self._rig, self._live.channels, ranged=False, doubting=False)
         begin = now()
         try:
             while not routine.done:
@@ -516,19 +520,21 @@ class Hand:
                 raise
         finally:
             units = self._units
-            self._units = self._units.followed_by(self.rig)
+            self._units = self._units.followed_by(self._rig)
+        if routine.aborted:
+            self._write(routine.goals)  # the first time it may have been lost
         notes = list[str]()
         if record is not None and any(map(isfinite, routine.goals.values())):
             try:
-                write_log(routine.log(), self.rig, record)
+                write_log(routine.log(), self._rig, record)
             except DistalError as problem:  # it does not end a calibration
                 notes.append(f"the record was not kept: {problem}")
         if routine.aborted:
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
-        if len(routine.failed) == len(self.rig.drives):
+        if len(routine.failed) == len(self._rig.drives):
             why = "; ".join(f"{name}: {said}" for name, said in routine.failed.items())
             raise CommandError(f"no motor came to the end of its power-on routine: {why}")
-        found = calibrate(routine.log(), self.rig, stopped=routine.failed)
+        found = calibrate(routine.log(), self._rig, stopped=routine.failed)
         self._use(found.rig, units)
         return replace(found, notes=(*found.notes, *notes))
 

@@ -499,18 +499,17 @@ class LiveInverse:
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
-        self.rig = rig = as_rig(rig)
+        self._rig = rig = as_rig(rig)
         filter_ = AdaptiveFilter(rig, compiled)
         self._layouts = live = LiveModel(rig, filter_.states)
-        self.estimator = LiveEstimator(rig, filter_)
-        self.channels = filter_.channels
+        self._live = LiveEstimator(rig, filter_)
         self.joints = live.model.joint_names
         self._free = live.model.free
         self._kernel = kernel_of(live.structure, live.function, compiled)
         self._parameters = live_parameters(
             live, filter_, least_tension, feedback, fastest, compensates
         )
-        self._monitor = Monitor(self.estimator)
+        self._monitor = Monitor(self._live)
         self._gate = gate or GoalGate(rig)
         self._positions = columns_of(rig, filter_.channels, "position")
         self._moves = crossed_joints(rig) @ (np.array(live.model.mechanism.spread) != 0.0)
@@ -533,7 +532,7 @@ class LiveInverse:
     def _forget(self) -> None:
         self._loop.kernel_state[:] = 0.0
         # these are replaced, and never changed in place: a clone may share them
-        self._forces = np.full(len(self.rig.drives), nan)
+        self._forces = np.full(len(self._rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
         self._time: float | None = None
@@ -542,13 +541,28 @@ class LiveInverse:
         """Return a copy with the same belief, which goes on by itself."""
         other = object.__new__(LiveInverse)
         vars(other).update(vars(self))
-        other.estimator = self.estimator.clone()
-        other._monitor = self._monitor.clone(other.estimator)
+        other._live = self._live.clone()
+        other._monitor = self._monitor.clone(other._live)
         other._gate = copy(self._gate)
         other._begin_loop()
         other._loop.kernel_state[:] = self._loop.kernel_state
         other._loop.y[:] = self._loop.y
         return other
+
+    @property
+    def rig(self) -> Rig:
+        """Description of the rig whose drives are commanded."""
+        return self._rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample, in its order."""
+        return self._live.channels
+
+    @property
+    def estimator(self) -> LiveEstimator:
+        """The filter on which the commands rest, at the last sample."""
+        return self._live
 
     def step(
         self, time: float, desired: Sequence[float] | Floats | Mapping[str, float], sample: Floats
@@ -578,16 +592,16 @@ class LiveInverse:
             return self._command(reading, f"{unread} not read yet" if unread else reading.unusable)
         x = self._x
         self._asked = known_or(angles, self._asked)
-        x["state"][:] = self.estimator.mean
-        x["mapped"][:] = self.estimator.added_by_maps[self._free]
+        x["state"][:] = self._live.mean
+        x["mapped"][:] = self._live.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
         x["read"][:] = known_or(np.append(sample, nan)[self._positions], self._gate.expected)
         x["trusted"][0] = not reading.unusable
-        x["touched"][0] = self.estimator.touched
+        x["touched"][0] = self._live.touched
         stands = self._gate.stopped @ self._moves
         if self._time is None or (stands.all() and self._gate.are_ignored):
             # it begins anew: joints did not go where their commands would have brought them
-            begin = self.estimator.mean[self._free]
+            begin = self._live.mean[self._free]
             self._asked = known_or(self._asked, begin)
             self._loop.kernel_state[:] = 0.0
             x["desired"][:] = begin
@@ -598,12 +612,12 @@ class LiveInverse:
             self._rest(stands | self._stood)
             x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
-            most = OVERDUE * self.estimator.interval
+            most = OVERDUE * self._live.interval
             x["dt"][0] = np.clip(time - self._time, SHORTEST, most)
             self._loop.step()
         self._time = time
         self._stood = stands
-        ended = ", ".join(compress(self.rig.drive_names, self._y["at_end"]))
+        ended = ", ".join(compress(self._rig.drive_names, self._y["at_end"]))
         return self._command(
             reading,
             reading.unusable and f"no feedback: {reading.unusable}",
@@ -629,8 +643,8 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        angles = self.estimator.mean[self._free]
-        stds = self.estimator.angle_stds[self._free]
+        angles = self._live.mean[self._free]
+        stds = self._live.angle_stds[self._free]
         away = stands & (np.abs(self._kernel_state["reference"] - angles) > BAND * stds)
         for name in ("reference", "wished"):
             np.copyto(self._kernel_state[name], angles, where=away)
@@ -642,11 +656,12 @@ class LiveInverse:
         """Return the command of the last kernel step as it passes the gate."""
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            positions, speeds, forces = np.full((3, len(self.rig.drives)), nan)
+            positions, speeds, forces = np.full((3, len(self._rig.drives)), nan)
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(positions, speeds, forces, reading, note)
-        stays = "" if all(map(isfinite, reading.angles)) else "the last command stays"
-        positions = self._gate.passed(reading.time, np.where(stays, nan, self._y["positions"]))
+        is_new = all(map(isfinite, reading.angles))
+        stays = "" if is_new else "the last command stays"
+        positions = self._gate.passed(reading.time, np.where(is_new, self._y["positions"], nan))
         stands = self._gate.stopped
         speeds = np.where(stands, 0.0, self._y["speeds"])
         self._forces = np.where(stands, self._forces, self._y["forces"])
