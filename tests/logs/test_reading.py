@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from distal import Log, Rig, read_log, write_log
@@ -168,6 +168,7 @@ def test_truth_from_a_column_a_file_and_a_reference(
     ),
     st.sampled_from([".csv", ".parquet"]),
 )
+@example([0.0, float("nan"), float("nan")], ".csv")  # a row that has a time alone
 def test_what_is_written_is_read_back(
     tmp_path: Path, pulley_rig: Rig, values: list[float], ending: str
 ) -> None:
