@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from math import degrees, log, pi
+from math import degrees, log, nan, pi
 from pathlib import Path
 from statistics import NormalDist
 from typing import Literal, TypeAlias
@@ -241,7 +241,8 @@ def _with_ranges(rig: Rig, values: Mapping[str, object]) -> Values:
     for joint in rig.joints:
         path = f"joints.{joint.name}.spring.stiffness"
         if isinstance(found := wider.get(path), dict):
-            widen(path, SPRINGS_APART * found["value"])
+            std = float(f"{SPRINGS_APART * found['value']:.3g}")
+            wider[path] = {"value": found["value"], "std": std}
     for sensor in rig.sensors_of("position"):
         drive = rig.drive(sensor.of)
         meets = crossed(rig, rig.tendons_of(drive.name)[0])
@@ -707,7 +708,7 @@ def _bridged(log: Log) -> Log:
     for name, values in log.channels.items():
         known = np.isfinite(values)
         if known.any():
-            channels[name] = np.interp(log.time, log.time[known], values[known])
+            channels[name] = np.interp(log.time, log.time[known], values[known], nan, nan)
     return replace(log, channels=channels)
 
 
