@@ -903,6 +903,23 @@ static void compare(const float* restrict a0, const float* restrict a1, const fl
   r5[0] = 1.0f;
 }
 
+static void weights(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0, float* restrict r1) {
+  const float v2 = larger(a2[0], 0.0f);
+  const float v5 = larger(a0[0], 1e-30f);
+  const float v7 = a1[0] * a1[0];
+  const float v9 = v7 / 9.0f;
+  const float v10 = larger(v5, v9);
+  const float v11 = v2 / v10;
+  r0[0] = v11;
+  const float v13 = (float)(a2[0] != 0.0f);
+  const float v15 = (float)(v13 != 0.0f && a3[0] != 0.0f);
+  const float v16 = (v15 != 0.0f ? a1[0] : 0.0f);
+  const float v17 = (float)(v15 == 0.0f);
+  const float v19 = (v17 != 0.0f ? NAN : 0.0f);
+  const float v20 = v16 + v19;
+  r1[0] = v20;
+}
+
 static void adaptive(float* restrict state, const float* restrict a1, const float* restrict a2, float* restrict r1) {
   static const float c0[9] = {0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
   static const float c1[9] = {1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
@@ -911,7 +928,7 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   static const unsigned short t4[7] = {0, 1, 3, 4, 5, 6, 7};
   static const unsigned short t5[5] = {0, 1, 5, 6, 7};
   static const unsigned short t6[36] = {18, 19, 20, 21, 22, 23, 26, 27, 28, 29, 30, 31, 34, 35, 36, 37, 38, 39, 42, 43, 44, 45, 46, 47, 50, 51, 52, 53, 54, 55, 58, 59, 60, 61, 62, 63};
-  float w[161];
+  float w[160];
   int i;
   int j;
   int k;
@@ -931,7 +948,6 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   state[0] = w[0];
   state[1] = w[1];
   rows(state, w + 106, w + 26, a1, a2, w + 149, w + 119);
-  w[160] = larger(0.0f, w[153]);
   for (i = 0; i < 64; ++i) w[i] = state[8 + i];
   for (i = 0; i < 8; ++i) w[64 + i] = 0.0f;
   for (i = 0; i < 9; ++i) w[140 + i] = c0[i] * w[101];
@@ -998,23 +1014,19 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   w[13] = w[17];
   w[14] = state[83];
   w[15] = w[153];
-  compare(w + 8, w + 106, a1, a2, w + 88, w + 89, w + 90, w + 16, w + 17, w + 91);
-  for (i = 0; i < 8; ++i) w[72 + i] = w[16] * w[72 + i];
+  compare(w + 8, w + 106, a1, a2, w + 16, w + 88, w + 89, w + 17, w + 18, w + 19);
+  for (i = 0; i < 8; ++i) w[72 + i] = w[17] * w[72 + i];
   for (i = 0; i < 8; ++i) w[72 + i] = w[72 + i] - w[i];
-  w[92] = 0.0f;
-  for (k = 0; k < 7; ++k) w[92] += w[124 + k] * w[72 + t4[k]];
-  w[92] = w[92] * w[16];
+  w[90] = 0.0f;
+  for (k = 0; k < 7; ++k) w[90] += w[124 + k] * w[72 + t4[k]];
+  w[90] = w[90] * w[17];
   w[0] = 0.0f;
   for (k = 0; k < 5; ++k) w[0] += w[119 + k] * w[72 + t5[k]];
-  w[92] = w[92] - w[0];
-  w[0] = w[92] + w[89];
-  w[0] = larger(1e-30f, w[0]);
-  w[1] = w[88] * w[88];
-  w[1] = w[1] / 9.0f;
-  w[0] = larger(w[0], w[1]);
-  w[160] = w[160] / w[0];
-  w[0] = w[160] * w[88];
-  for (i = 0; i < 8; ++i) w[80 + i] = w[0] * w[72 + i];
+  w[90] = w[90] - w[0];
+  w[0] = w[90] + w[88];
+  weights(w, w + 16, w + 153, w + 19, w + 6, w + 91);
+  w[16] = w[6] * w[16];
+  for (i = 0; i < 8; ++i) w[80 + i] = w[16] * w[72 + i];
   for (i = 0; i < 6; ++i) w[i] = 0.0166666667f * w[82 + i];
   for (i = 0; i < 6; ++i) w[80 + 2 + 1 * i] = w[i];
   for (i = 0; i < 8; ++i) state[i] = state[i] + w[80 + i];
@@ -1030,8 +1042,8 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   state[6] = w[0];
   w[0] = larger(0.05f, state[7]);
   state[7] = w[0];
-  w[160] = sqrtf(w[160]);
-  for (i = 0; i < 8; ++i) w[72 + i] = w[160] * w[72 + i];
+  w[6] = sqrtf(w[6]);
+  for (i = 0; i < 8; ++i) w[72 + i] = w[6] * w[72 + i];
   for (i = 0; i < 8; ++i) w[i] = -w[72 + i];
   for (j = 0; j < 8; j += 4) for (i = 0; i < 8; ++i) { float s0 = state[8 + i + 8 * j], s1 = state[8 + i + 8 + 8 * j], s2 = state[8 + i + 16 + 8 * j], s3 = state[8 + i + 24 + 8 * j]; { const float e = w[72 + i]; s0 += e * w[0 + 1 * j]; s1 += e * w[0 + 1 + 1 * j]; s2 += e * w[0 + 2 + 1 * j]; s3 += e * w[0 + 3 + 1 * j]; } state[8 + i + 8 * j] = s0; state[8 + i + 8 + 8 * j] = s1; state[8 + i + 16 + 8 * j] = s2; state[8 + i + 24 + 8 * j] = s3; }
   for (i = 0; i < 36; ++i) w[i] = state[8 + t6[i]];
@@ -1042,18 +1054,12 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   for (i = 0; i < 36; ++i) state[8 + t6[i]] = w[i];
   w[0] = 0.0f;
   for (k = 0; k < 5; ++k) w[0] += w[119 + k] * w[80 + t5[k]];
-  w[90] = w[90] + w[0];
-  w[153] = (float)(0.0f != w[153]);
-  w[153] = (float)(w[153] != 0.0f && w[91] != 0.0f);
-  w[88] = (w[153] != 0.0f ? w[88] : 0.0f);
-  w[153] = (float)(w[153] == 0.0f);
-  w[153] = (w[153] != 0.0f ? NAN : 0.0f);
-  w[88] = w[88] + w[153];
-  r1[0] = w[88];
-  w[92] = w[92] + w[89];
-  r1[1] = w[92];
+  w[89] = w[89] + w[0];
+  r1[0] = w[91];
+  w[90] = w[90] + w[88];
+  r1[1] = w[90];
   for (i = 0; i < 11; ++i) state[72 + i] = w[106 + i];
-  state[83] = w[90];
+  state[83] = w[89];
 }
 
 static void judged(const float* restrict a0, const float* restrict a1, float* restrict r0, float* restrict r1) {

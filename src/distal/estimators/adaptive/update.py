@@ -169,11 +169,10 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMoti
 
 
 def compared(
-    context: FilterContext, index: int | None, tracks: Vector, residual: Residual, dt: Scalar
+    context: FilterContext, index: int | None, drive: Drive, residual: Residual, dt: Scalar
 ) -> Comparison:
-    """Return the comparison of the force of the drive with that `index`, or of a reading without
-    friction where that is None, after an interval `dt` [s]; `tracks` are the `TRACKED` values of
-    all drives, a column for each.
+    """Return the comparison of the force of the `drive` with that `index`, or of a reading without
+    friction where that is None, after an interval `dt` [s].
     """
     sensor = None if index is None else context.position_sensor(index)
     if index is None or sensor is None:
@@ -187,7 +186,7 @@ def compared(
     slow, compare = SLOW_UNKNOWN, _unknown
     if context.declares_friction(index):
         slow, compare = SLOW_DECLARED, _declared
-    motion = motion_of(drive_of(tracks, index), noise, dt, slow)
+    motion = motion_of(drive, noise, dt, slow)
     return compare(context, motion, residual, interval, dt)
 
 
@@ -477,8 +476,9 @@ def updated(
         of_limit, of_value = (along(slopes[part], by[part]) for part in ("limit", "value"))
         memory = ca.MX(0) if row.drive is None else kept.friction[row.drive]
         residual = ca.vertcat(*now, at["variance"], of_limit, of_value, memory, at["mask"])
+        track = ca.MX(len(TRACKED), 1) if row.drive is None else tracks[:, row.drive]
         compare = comparison_function(states, row.drive)
-        comparison = Comparison(*compare(residual, tracks, dt, p))
+        comparison = Comparison(*compare(residual, track, dt, p))
         factors = (-1, comparison.by_limit, comparison.by_asymmetry)
         across = ca.MX(len(states), 1)
         for part, factor in zip(SLOPED, factors):
@@ -486,8 +486,10 @@ def updated(
                 across += factor * by[part]
         spread = sum(along(slopes[part], across) * by for part, by in zip(SLOPED, factors))
         variance = comparison.variance
-        guards = states.context.robustness
-        weight, shown = weights(guards, row.trusted, spread + variance, comparison, at["mask"])
+        weigh = weights(states.context.robustness, row.trusted)
+        weight, shown = weigh(
+            spread + variance, comparison.innovation, at["mask"], comparison.counts
+        )
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted, nominal)
         if kept.torques and not row.trusted:
@@ -523,36 +525,31 @@ def updated(
 
 
 def comparison_function(states: StateVector, drive: int | None) -> ca.Function:
-    """Return the function (`Residual`, tracks, dt, p) → the parts of `Comparison` of a row with the
-    friction of a `drive`, or without friction.
+    """Return the function (`Residual`, `TRACKED` values of its drive, dt, p) → the parts of
+    `Comparison` of a row with the friction of a `drive`, or without friction. Drives with the same
+    sensors then have the same function, whose C is there once.
     """
     context = states.context
-    tracked = len(TRACKED), context.n_drives
-    inputs = symbols(ca.SX, residual=len(Residual._fields), tracks=tracked, dt=1)
-    vector, tracks, dt = inputs
+    inputs = symbols(ca.SX, residual=len(Residual._fields), track=len(TRACKED), dt=1)
+    vector, track, dt = inputs
     residual = Residual(*ca.vertsplit(vector))
     residual = residual._replace(limit=ca.fmax(residual.limit, 0))
-    comparison = compared(context, drive, tracks, residual, dt)
+    comparison = compared(context, drive, drive_of(track, 0), residual, dt)
     parts = [ca.SX(part) for part in comparison]
     return dense_function("compare", [*inputs, context.mechanism.parameters.symbols], parts)
 
 
-def weights(
-    robustness: Robustness,
-    trusted: bool,
-    spread: ScalarNode,
-    comparison: Comparison,
-    mask: ScalarNode,
-) -> tuple[ScalarNode, ScalarNode]:
-    """Return 1/S' where a row is used, and the innovation to report, NaN for a row that does not
-    count (its drive is at a stop).
+def weights(robustness: Robustness, trusted: bool) -> ca.Function:
+    """Return the function (S, ν, mask, counts) → 1/S' where a row is used, and the innovation to
+    report, NaN for a row that does not count (its drive is at a stop).
 
     S' = max(S, ν²/c), with c = `Robustness.wild_force`, by which a wild innovation ν counts less
-    (23); `spread` is S.
+    (23). The function stays one of its own: its C is there once for all rows.
     """
-    innovation = comparison.innovation
+    inputs = symbols(ca.SX, S=1, nu=1, mask=1, counts=1)
+    spread, innovation, mask, counts = inputs
     robust = ca.fmax(spread, SMALLEST_VARIANCE)
     if not trusted:
         robust = ca.fmax(robust, innovation**2 / robustness.wild_force)
-    shown = ca.if_else(ca.logic_and(is_there(mask), comparison.counts), innovation, np.nan)
-    return share_used(mask) / robust, shown
+    shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
+    return dense_function("weights", inputs, [share_used(mask) / robust, shown])
