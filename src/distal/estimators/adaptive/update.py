@@ -169,13 +169,13 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMoti
 
 
 def compared(
-    context: FilterContext, index: int | None, drive: Drive, residual: Residual, dt: Scalar
+    context: FilterContext, index: int, drive: Drive, residual: Residual, dt: Scalar
 ) -> Comparison:
-    """Return the comparison of the force of the `drive` with that `index`, or of a reading without
-    friction where that is None, after an interval `dt` [s].
+    """Return the comparison of the force of the `drive` with that `index`, after an interval `dt`
+    [s].
     """
-    sensor = None if index is None else context.position_sensor(index)
-    if index is None or sensor is None:
+    sensor = context.position_sensor(index)
+    if sensor is None:
         # its motion is not measured: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
     noise = context.noise(sensor)
@@ -336,13 +336,13 @@ def measurement_rows_of(
         body = nj + i
         track = drive_of(tracks, i)
         transmitted = states.transmitted(i)
-        name, value, noise, mask = drive.name, ca.SX(0), ca.SX(0), ca.SX(0)
         expected = pulls[body] - states.added(("lacking force", i), state)
         limit = limits[body] + states.added(("friction", i), state)
         friction: tuple[Scalar, Scalar, int | None] = (limit, asymmetries[body], i)
         if sensor is None:
             path = f"drives.{i}.nominal_force"
             nominal_std = context.number(f"{path}.std")
+            name = drive.name
             value = context.number(path)
             noise = nominal_std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
             mask = nominal_std > 0.0
@@ -474,11 +474,13 @@ def updated(
         by = {part: covariance.times(slope) for part, slope in slopes.items()}
         now = (at[part] + along(slope, mean - prior) for part, slope in slopes.items())
         of_limit, of_value = (along(slopes[part], by[part]) for part in ("limit", "value"))
-        memory = ca.MX(0) if row.drive is None else kept.friction[row.drive]
-        residual = ca.vertcat(*now, at["variance"], of_limit, of_value, memory, at["mask"])
-        track = ca.MX(len(TRACKED), 1) if row.drive is None else tracks[:, row.drive]
-        compare = comparison_function(states, row.drive)
-        comparison = Comparison(*compare(residual, track, dt, p))
+        if row.drive is None:
+            comparison = Comparison(next(now), at["variance"], 0)
+        else:
+            memory = kept.friction[row.drive]
+            residual = ca.vertcat(*now, at["variance"], of_limit, of_value, memory, at["mask"])
+            compare = comparison_function(states, row.drive)
+            comparison = Comparison(*compare(residual, tracks[:, row.drive], dt, p))
         factors = (-1, comparison.by_limit, comparison.by_asymmetry)
         across = ca.MX(len(states), 1)
         for part, factor in zip(SLOPED, factors):
@@ -524,10 +526,10 @@ def updated(
     return mean, covariance.matrix(), ca.vertcat(*innovations, *spreads)
 
 
-def comparison_function(states: StateVector, drive: int | None) -> ca.Function:
+def comparison_function(states: StateVector, drive: int) -> ca.Function:
     """Return the function (`Residual`, `TRACKED` values of its drive, dt, p) → the parts of
-    `Comparison` of a row with the friction of a `drive`, or without friction. Drives with the same
-    sensors then have the same function, whose C is there once.
+    `Comparison` of a row with the friction of a `drive`. Drives with the same sensors have the same
+    function, whose C is there once.
     """
     context = states.context
     inputs = symbols(ca.SX, residual=len(Residual._fields), track=len(TRACKED), dt=1)
