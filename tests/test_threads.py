@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from distal import fit
-from distal.parallel import one_blas_thread
+from distal.machine_limits import one_blas_thread
 from tests.support.foreign_plants import finger_log, finger_rig
 
 assert np.eye(2).sum() == 2.0  # its BLAS is loaded

@@ -24,7 +24,7 @@ from distal.estimators import (
 from distal.estimators.estimator_protocol import sensor_for
 from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, TruthKind, TruthSource, frozen, true_angles
-from distal.parallel import one_blas_thread
+from distal.machine_limits import one_blas_thread
 from distal.regression import Samples, from_prior, from_window, given
 from distal.rig import LearnedMap, Parameter, Rig, Sensor, angle_names
 

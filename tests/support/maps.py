@@ -8,7 +8,7 @@ from distal import Log, Rig
 from distal.estimators import samples_of_angles
 from distal.fitting.learned_maps import filtered, map_of
 from distal.logs import true_angles
-from distal.parallel import one_blas_thread
+from distal.machine_limits import one_blas_thread
 from distal.regression import folds_of
 
 

@@ -13,6 +13,7 @@ import typer
 from typer import Option
 
 from distal.cli import (
+    doctor_command,
     estimate_command,
     fit_command,
     rig_commands,
@@ -50,7 +51,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "export-fmu": rig_commands.fmu_command,
     "rigs": rig_commands.list_rigs_command,
     "scenarios": simulation_commands.list_scenarios_command,
-    "doctor": rig_commands.doctor_command,
+    "doctor": doctor_command.doctor_command,
 }
 """Name → function of the commands that are in no group, in the order of the help."""
 

@@ -1,12 +1,10 @@
 """Commands on rig files: `distal rigs`; `distal rig check`, `draw`, `show`, `new`; `from-table`,
 `from-orca` and `from-mjcf` make one from the files of a maker or a simulator, `to-mjcf` a model
-for MuJoCo; `distal export-c` and `export-fmu` write the rig's filter; `distal doctor` says what
-is installed.
+for MuJoCo; `distal export-c` and `export-fmu` write the rig's filter.
 """
 
 from __future__ import annotations
 
-import platform
 import re
 from math import degrees
 from pathlib import Path
@@ -27,7 +25,6 @@ from distal.cli.shared_options import (
     working,
 )
 from distal.units import rounded
-from distal.version import __version__
 
 if TYPE_CHECKING:
     from distal.model import Mechanism
@@ -384,33 +381,3 @@ def fmu_command(
     if fmu.without:
         warn(f"no {'other ' * bool(fmu.platforms)}binary: {fmu.without}")
     say(f"wrote {out}; for other platforms a tool builds it from the sources in it")
-
-
-_PACKAGES = ("numpy", "scipy", "casadi", "pydantic", "pint", "matplotlib")
-
-
-def doctor_command() -> None:
-    """Say which versions are in use, and with which compiler and where kernels are built."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    from distal.kernels import cache_folder, find_compiler
-    from distal.logs.formats.format import EXTRAS
-
-    say(
-        f"distal {__version__}, Python {platform.python_version()}, {platform.system()} "
-        f"{platform.machine()}"
-    )
-
-    def installed(name: str, advice: str = "") -> str:
-        try:
-            return f"{name} {version(name)}"
-        except PackageNotFoundError:
-            return f"{name} not installed{advice}"
-
-    say(f"packages: {', '.join(map(installed, _PACKAGES))}")
-    extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in EXTRAS.items())
-    say(f"extras: {', '.join(extras)}")
-    found = find_compiler()
-    compiler = found if isinstance(found, str) else f"{found.version} ({found.command[0]})"
-    say(f"C compiler: {compiler}")
-    say(f"kernel cache: {cache_folder()}")

@@ -24,7 +24,7 @@ from distal.expressions import VectorNode, symbols
 from distal.kernels import Kernel, Layout, kernel_state_layout
 from distal.kernels.layout import is_read
 from distal.logs import Log, TruthKind, frozen, true_angles
-from distal.parallel import one_blas_thread
+from distal.machine_limits import one_blas_thread
 from distal.regression import (
     JudgedJumps,
     Samples,

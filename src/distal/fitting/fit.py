@@ -77,7 +77,7 @@ from distal.from_logs import rig_from_logs
 from distal.from_logs.drive_and_tendon_sizes import servos_of
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles, write_together
-from distal.parallel import one_blas_thread
+from distal.machine_limits import one_blas_thread
 from distal.regression import FEWEST_LOGS, YARDSTICKS, folds_of, groups_of
 from distal.rig import LeftOut, Rig, arrays_file, as_rig, as_table, build_rig, parse_toml, set_value
 from distal.run import estimate

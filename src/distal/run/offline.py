@@ -43,7 +43,7 @@ from distal.logs import (
     true_torques,
 )
 from distal.logs.log import sealed
-from distal.parallel import one_blas_thread
+from distal.machine_limits import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
 from distal.run.redundancy import Redundancy

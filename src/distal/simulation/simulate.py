@@ -18,7 +18,7 @@ from distal.errors import RigError, ScenarioError
 from distal.expressions import Vector
 from distal.kernels import Feed, advance_all
 from distal.logs import Log, TruthSource
-from distal.logs.memory_limit import MEMORY_VARIABLE, memory_limit
+from distal.machine_limits import MEMORY_VARIABLE, memory_limit
 from distal.model import Mechanism, Moment, substeps
 from distal.rig import (
     Rig,

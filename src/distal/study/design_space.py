@@ -20,7 +20,7 @@ from distal.arrays import Floats
 from distal.control import COMMAND, ENCODER, RATIO
 from distal.errors import DistalError, StudyError, did_you_mean
 from distal.estimators import DEFAULT, ESTIMATORS
-from distal.logs.memory_limit import MEMORY_VARIABLE, memory_limit
+from distal.machine_limits import MEMORY_VARIABLE, memory_limit
 from distal.rig import (
     ALL,
     Description,

@@ -31,8 +31,8 @@ from distal.estimators import DEFAULT, KernelEstimator, make_estimator
 from distal.homing import Run
 from distal.kernels import Kernel, lanes_here
 from distal.logs import write_whole
+from distal.machine_limits import one_blas_thread
 from distal.model import Mechanism
-from distal.parallel import one_blas_thread
 from distal.results import Estimate, make_folder
 from distal.rig import Rig, named
 from distal.run.offline import prepared, run_all

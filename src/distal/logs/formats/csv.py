@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import COPIES, check_rows, memory_limit
 from distal.logs.stamps import is_time
 from distal.logs.table_cells import MISSING, Cells, Column, compact, header, needed, say
+from distal.machine_limits import COPIES, check_rows, memory_limit
 
 SEPARATORS = (",", ";", "\t", "|")
 """Characters that may separate the cells of a file; else blanks do."""

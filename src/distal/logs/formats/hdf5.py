@@ -10,8 +10,8 @@ import numpy as np
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import check_memory
 from distal.logs.table_cells import WIDEST_VECTOR, Cells, Column, needed
+from distal.machine_limits import check_memory
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import check_memory
 from distal.logs.table_cells import Cells, compact, needed
+from distal.machine_limits import check_memory
 
 
 def read_jsonl(path: Path, columns: Sequence[str] | None) -> Cells:

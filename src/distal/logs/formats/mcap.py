@@ -12,8 +12,8 @@ from typing import Any, BinaryIO
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format, Message
-from distal.logs.memory_limit import memory_limit
 from distal.logs.table_cells import say
+from distal.machine_limits import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of an MCAP file. Source: definition (MCAP specification)."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from distal.errors import LogError
 from distal.logs.formats.format import Format
-from distal.logs.memory_limit import check_rows
 from distal.logs.table_cells import (
     WIDEST_VECTOR,
     Cells,
@@ -22,6 +21,7 @@ from distal.logs.table_cells import (
     needed,
     numbered,
 )
+from distal.machine_limits import check_rows
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
