@@ -97,9 +97,9 @@ class Kicked:
     damped: Vector
 
 
-def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
+def _growth(damping: Vector, inertia: Vector, length: Scalar) -> Scalar:
     """Return φ(x) = x/(1 − e^{−x}) with x = C h/M: 1 without damping."""
-    if ca.SX(damping).is_zero():
+    if damping.is_zero():
         return ca.SX(1)
     x = damping * length / inertia
     small = x < 1e-5
@@ -123,7 +123,7 @@ def residual(
     after: Vector,
     loads: Loads,
     *,
-    slip: Slip,
+    friction: Vector,
     contacts: Contacts,
     damped: Vector,
     h: Scalar,
@@ -135,6 +135,7 @@ def residual(
         q: angles before the kick, (n_joints,).
         v: speeds before the kick, (n_joints,).
         after: speeds of the free joints after the kick, (n_free,).
+        friction: impulses h f, (n_free,).
         damped: `damped_inertias`, (n_joints,).
         h: length of the kick [s].
     """
@@ -151,12 +152,8 @@ def residual(
     needed += h * (loads.implicit[:nj] * speeds - loads.force[:nj])
     if loads.stiffness is not None:
         needed += h * h * ca.mtimes(loads.stiffness, speeds)
-    share = ca.fabs(spread).T
-    free = mechanism.free
-    needed = ca.mtimes(spread.T, needed)
-    up, down = (ca.mtimes(share, limits[:nj]) for limits in (loads.up, loads.down))
-    needed += h * slip.friction(up, down)
-    return needed + contacts.stiffness * (q[free] - contacts.position) + contacts.damping * after
+    needed = ca.mtimes(spread.T, needed) + friction + contacts.damping * after
+    return needed + contacts.stiffness * (q[mechanism.free] - contacts.position)
 
 
 def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:
@@ -198,6 +195,17 @@ def _contacts(
         implicit = touching * (share * stiffness * drift + damping)
         table[k, :] = ca.horzcat(touching * stiffness, implicit, ca.if_else(at_high, high, low))
     return Contacts(*ca.horzsplit(table))
+
+
+def _pressed(kick: Kick, free: Sequence[int], alone: Kicked, contacts: Contacts) -> Kicked:
+    """Return the `free` bodies, which were kicked `alone`, with the stops in A and r."""
+    at = kick.q[free]
+    matrix = alone.matrix + ca.diag(contacts.damping)
+    load = alone.load - contacts.stiffness * (at - contacts.position)
+    slip = slipping(matrix, load, alone.up, alone.down, start=alone.v, events=len(free))
+    v = solver(matrix, slip.moving)(load - slip.friction(alone.up, alone.down))
+    after = replace(alone, q=at + kick.drift * v, v=v, slip=slip, contacts=contacts)
+    return replace(after, matrix=matrix, load=load)
 
 
 def restitutions(mechanism: Mechanism, inertias: Vector, drift: Scalar) -> Vector:
@@ -394,43 +402,39 @@ def kicked(
         load -= length * bias
         if rebound is not None:
             rebound = restitutions(mechanism, inertias, kick.drift)
-    at = kick.q[free]
-
     slip = slipping(matrix, load, up, down)
     alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
-
-    def pressed(contacts: Contacts) -> Kicked:
-        """Return the free bodies with the stops in A and r."""
-        held = matrix + ca.diag(contacts.damping)
-        pressing = load - contacts.stiffness * (at - contacts.position)
-        slip = slipping(held, pressing, up, down, start=alone, events=len(free))
-        speeds = solver(held, slip.moving)(pressing - slip.friction(up, down))
-        return Kicked(
-            at + kick.drift * speeds, speeds, slip, contacts, held, pressing, up, down, added
-        )
-
+    after = Kicked(
+        kick.q[free] + kick.drift * alone,
+        alone,
+        slip,
+        Contacts(*ca.horzsplit(ca.SX(len(free), 3))),
+        matrix,
+        load,
+        up,
+        down,
+        added,
+    )
     if any(mechanism.bodies[j].has_stops for j in free):
-        of_free = inertias[[j - first for j in free]]
-        contacts = _contacts(mechanism, kick, free, alone, of_free, last)
+        contacts = _contacts(
+            mechanism, kick, free, alone, inertias[[j - first for j in free]], last
+        )
         if last:
             # a stop only pushes: one that would pull lets go
-            inside = at - contacts.position
-            impulse = contacts.stiffness * inside + contacts.damping * pressed(contacts).v
-            pushes = impulse * inside > 0
+            inside = kick.q[free] - contacts.position
+            speeds = _pressed(kick, free, after, contacts).v
+            pushes = (contacts.stiffness * inside + contacts.damping * speeds) * inside > 0
             contacts = Contacts(
                 contacts.stiffness * pushes, contacts.damping * pushes, contacts.position
             )
-        after = pressed(contacts)
+        after = _pressed(kick, free, after, contacts)
         if rebound is not None and not last:
             after = _bounced(mechanism, kick, free, rebound[free], alone, after)
-    else:
-        none = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
-        moved = at + kick.drift * alone
-        after = Kicked(moved, alone, slip, none, matrix, load, up, down, added)
     if drives:
         return after
-    angles = ca.mtimes(spread, after.q) + mechanism.offsets
-    return replace(after, q=angles, v=ca.mtimes(spread, after.v))
+    return replace(
+        after, q=ca.mtimes(spread, after.q) + mechanism.offsets, v=ca.mtimes(spread, after.v)
+    )
 
 
 def kick_and_drift(mechanism: Mechanism, kick: Kick, last: bool = False) -> tuple[Vector, Vector]:

@@ -194,7 +194,7 @@ def moving(
         v,
         speed,
         loads,
-        slip=Slip(forward_by, back_by),
+        friction=Slip(forward_by, back_by).friction(moved.up, moved.down),
         contacts=Contacts(*contact),
         damped=damped,
         h=length,
