@@ -46,7 +46,7 @@ from distal import (
 from distal.confidence import BAND
 from distal.logs import MessageReader, true_angles, write_log
 from distal.rig import log_factor
-from distal.run.redundancy import Redundancy
+from distal.run.exchanged_or_late import Redundancy
 
 WIDE = 1.5
 """Half-widths of the band beyond which an error counts as hidden."""

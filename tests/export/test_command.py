@@ -11,7 +11,7 @@ import pytest
 from distal import LiveInverse, Rig, load_rig, simulate
 from distal.errors import ExportError
 from distal.export import export_c
-from distal.inverse.goal_gate import OLDEST
+from distal.inverse.motor_safety import OLDEST
 from distal.run import samples_of
 from tests.export.helpers import needs_compiler, shared_library
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, load_rig
-from distal.errors import FitError, LogError
+from distal.errors import EstimationError, FitError, LogError
 from distal.fitting.usable_logs import check_logs
 from tests.diagnosis.test_known_motion import TIME, angles_at, log_of
 
@@ -110,6 +110,12 @@ def test_a_truth_may_have_another_zero(motor: Rig, log: Log) -> None:
     truth.
     """
     check_logs([replace(log, truth={"theta": log.truth["theta"] + 3.0})], motor)
+
+
+def test_a_position_without_a_value_is_named(motor: Rig, log: Log) -> None:
+    empty = {**log.channels, "motor_angle": np.full(len(log), np.nan)}
+    with pytest.raises(EstimationError, match="'motor_angle' has no value at all"):
+        check_logs([replace(log, channels=empty)], motor)
 
 
 def test_logs_that_tell_nothing(motor: Rig, log: Log) -> None:

@@ -289,6 +289,24 @@ def test_a_family_with_a_current_or_a_command_is_a_drive(headers: str, drives: s
     assert best[headers.split()[-1]] == "angle"
 
 
+@pytest.mark.parametrize(
+    ("headers", "angles"),
+    [
+        (
+            "t x1 u1 true_theta true_external_torque true_position_left true_tension_left",
+            "true_theta",
+        ),
+        ("t x u true_pos", "true_pos"),
+        ("t m1_pos true_pip_position true_mcp_position", "true_pip_position true_mcp_position"),
+    ],
+)
+def test_truths_of_a_simulation_are_no_joints_but_for_the_angle(headers: str, angles: str) -> None:
+    """A position that is called true is a joint's where no other column is called a true angle."""
+    names = headers.split()
+    found = with_families({name: name_evidence(name, names) for name in names})
+    assert [name for name in names if found[name].best == "angle"] == angles.split()
+
+
 def test_what_a_drive_should_do_is_no_joint_where_another_column_is() -> None:
     headers = ("enc_flex", "cur_flex", "ref_flex")
     names = with_families({header: name_evidence(header) for header in headers})

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import load_rig
-from distal.inverse.goal_gate import AGREES, ARRIVED, LAG, OLDEST, PATIENCE, GoalGate
+from distal.inverse.motor_safety import AGREES, ARRIVED, LAG, OLDEST, PATIENCE, GoalGate
 from distal.logs import Limits
 
 PERIOD = 0.01

@@ -29,8 +29,7 @@ from distal.regression import (
 )
 from distal.regression.features import Shape
 from distal.run import JointContact, samples_of
-from distal.run.health import Health, Watch
-from distal.run.redundancy import (
+from distal.run.exchanged_or_late import (
     AVERAGED,
     KEPT,
     LATE,
@@ -40,6 +39,7 @@ from distal.run.redundancy import (
     _kernel,
     unlike_free_motion,
 )
+from distal.run.health import Health, Watch
 from tests.helpers import changed
 from tests.support.foreign_plants import finger_log, finger_rig
 from tests.support.hands_plants import ropes_log, ropes_rig

@@ -3,9 +3,9 @@ test, then the filter itself, run without each likely cause, side by side in vec
 
 Of a rig whose logs taught what forces are normal, it is the change of a reading after which the
 forces are those of free motion at their positions (`wrong_readings`). Each change costs k Σ
-min(T², c) + 2 ln(1 + δ²): T² of `distal.run.redundancy` in the mean of the log, c where a position
-is where no log has been; k spans of time that count as independent; and the distance δ of the
-change from what the rig says, in its stds, with Cauchy's prior.
+min(T², c) + 2 ln(1 + δ²): T² of `distal.run.exchanged_or_late` in the mean of the log, c where a
+position is where no log has been; k spans of time that count as independent; and the distance δ of
+the change from what the rig says, in its stds, with Cauchy's prior.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from distal.estimators import AdaptiveFilter, Belief, KernelEstimator, Robustnes
 from distal.kernels import in_order
 from distal.logs import LARGEST_READING, Log, true_angles
 from distal.rig import Rig
+from distal.run.exchanged_or_late import Redundancy
 from distal.run.offline import out_of_bounds, prepared
-from distal.run.redundancy import Redundancy
 
 MOST_SAMPLES = 6000
 """Largest number of samples of a log over which the filter runs with changes, the first ones: a

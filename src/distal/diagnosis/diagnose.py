@@ -50,8 +50,8 @@ from distal.estimators.estimator_protocol import dead_after
 from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig, position_range
+from distal.run.exchanged_or_late import Redundancy, unlike_free_motion
 from distal.run.offline import estimator_for
-from distal.run.redundancy import Redundancy, unlike_free_motion
 from distal.units import rounded
 
 OUTSIDE = 0.05

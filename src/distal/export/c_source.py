@@ -27,8 +27,8 @@ from distal.estimators import (
 from distal.estimators.estimator_protocol import MOST_BRIDGES, SPLIT
 from distal.homing import homing_filter
 from distal.inverse.feedforward import ROUNDS
-from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.live_inverse import LiveModel, live_parameters
+from distal.inverse.motor_safety import GoalGate, columns_of, crossed_joints
 from distal.kernels.layout import MISSING, READ, Layout
 from distal.logs import LARGEST_READING, check_outputs, shown, write_together
 from distal.logs.output_files import as_output_error

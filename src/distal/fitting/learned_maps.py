@@ -48,7 +48,7 @@ from distal.regression import (
 )
 from distal.rig import LearnedMap, Rig, Sensor
 from distal.run import samples_of
-from distal.run.redundancy import NORMAL, means_along
+from distal.run.exchanged_or_late import NORMAL, means_along
 from distal.sensor_models import variance
 
 RADIAL = 32
@@ -586,7 +586,7 @@ def pooled(
     beside: MapFit, alone: MapFit, data: Mapping[int, Samples], logs: Sequence[Log]
 ) -> tuple[MapFit, MapFit]:
     """Return the maps on readings alone, which now share in each angle, and the maps beside a
-    filter with the errors of both together, see `distal.regression.reported_map`.
+    filter with the errors of both together, see `distal.regression.pool_of_filter_and_map`.
 
     Args:
         beside: the maps beside the filter.
@@ -650,7 +650,7 @@ USUAL_FREEDOM = 8
 
 def efforts_of(logs: Sequence[Log], rig: Rig, folds: Sequence[int]) -> tuple[LearnedMap, ...]:
     """Return what each force and tension is in free motion, by the positions of the drives of its
-    part and what these remember; see `distal.run.redundancy`.
+    part and what these remember; see `distal.run.exchanged_or_late`.
 
     No log needs the known angle. The errors are those on logs left out; fewer than `FEWEST_LOGS`
     teach nothing.

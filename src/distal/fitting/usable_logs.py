@@ -355,8 +355,10 @@ def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
 def _check_motion(log: Log, rig: Rig) -> None:
     moved = []
     for sensor in rig.sensors_of("position"):
-        low, high = np.nanquantile(log.channels[sensor.name], (0.01, 0.99))
-        span = high - low
+        values = log.channels[sensor.name]
+        if np.isnan(values).all():
+            continue
+        span = np.ptp(np.nanquantile(values, (0.01, 0.99)))
         drive = rig.drive(sensor.of)
         # of the joint
         turn = span * drive.lever / rig.tendons_of(drive.name)[0].total_arm

@@ -103,9 +103,9 @@ EVIDENCE: Mapping[str, Mapping[Role, float]] = {
     "place": {"position": 1.2},
     "drive": {"position": 1.5, "angle": -9.0},
     "proximal": {"position": 1.5, "angle": -9.0},
-    **{of: {"effort": 3.0, "angle": -3.0} for of in ("force", "torque", "current", "effort")},
+    **{of: {"effort": 3.0, "angle": -6.0} for of in ("force", "torque", "current", "effort")},
     "angle": {"angle": 3.0, "position": 1.0},
-    "truth": {"angle": 3.0, "effort": -9.0},
+    "truth": {"angle": 3.0, "effort": -9.0, "other": 2.0},
     "joint": {"angle": 3.0, "position": -1.5},
     "finger": {"angle": 1.2},
     "reference": {"angle": 1.2},
@@ -368,6 +368,11 @@ def with_families(names: Names) -> Names:
         if (is_alike or header in of_drives) and mover.margin < SURE:
             result[header] = as_role(mover, "position")
     angles = [header for header in movers if result[header].scores["angle"] >= LIKELY]
+    truths = {h: names[h].scores["angle"] for h in angles if "truth" in names[h].kinds}
+    for header, score in truths.items():
+        # where another is called a true angle, a true position is a drive's, as in a simulation
+        if "place" in names[header].kinds and score < max(truths.values()):
+            result[header] = as_role(names[header], "other")
     references = [header for header in angles if "reference" in names[header].kinds]
     for header in references if len(angles) > len(references) else ():
         # where other columns are joints, this is what a drive should do

@@ -405,7 +405,9 @@ def raw_description(
     taken = []
     if any(not drive.is_slider for drive in drives):
         taken.append("length")
-    if not all(_knows_force(drive.effort) for drive in drives):
+    efforts = [drive.effort for drive in drives]
+    # none is read, or it is no force or torque of a true scale
+    if any(e is None or e.si == "A" or e.unit in TAKEN_FORCES.values() for e in efforts):
         taken.append("force")
     raw: Raw = {
         "name": title,
@@ -420,11 +422,6 @@ def raw_description(
         ],
     }
     return in_series(raw, joints, logs)
-
-
-def _knows_force(effort: ColumnRole | None) -> bool:
-    """Return whether a column is a force or a torque of a true scale."""
-    return effort is not None and effort.si != "A" and effort.unit not in TAKEN_FORCES.values()
 
 
 @dataclass(frozen=True)

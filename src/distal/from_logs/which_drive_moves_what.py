@@ -143,7 +143,10 @@ def drive_structure(logs: Logs, drive: int, free: Sequence[int]) -> DriveStructu
     folds = folds_of(logs, drive)
     if not folds:
         return None
-    candidates = _candidates(folds, free)
+    by_error = sorted(free, key=lambda j: _error(folds, (j,)))
+    joints = sorted(by_error[: THRESHOLDS.joints_at_once])
+    sizes = range(len(joints))
+    candidates = [chosen for size in sizes for chosen in combinations(joints, size + 1)]
     errors = {joints: _block_errors(folds, joints) for joints in candidates}
     best = min(errors, key=lambda joints: np.mean(errors[joints]))
     beyond = {joints: _standard_errors(errors[joints] - errors[best]) for joints in candidates}
@@ -190,13 +193,6 @@ def folds_of(logs: Logs, drive: int, moving: bool = False) -> Folds:
     if len(folds) == 1:
         return [Fold(*parts) for parts in zip(*(np.array_split(c, BLOCKS) for c in folds[0]))]
     return folds
-
-
-def _candidates(folds: Folds, free: Sequence[int]) -> list[tuple[int, ...]]:
-    """Return the sets of joints that a drive may move."""
-    by_error = sorted(free, key=lambda j: _error(folds, (j,)))
-    joints = sorted(by_error[: THRESHOLDS.joints_at_once])
-    return [chosen for size in range(1, len(joints) + 1) for chosen in combinations(joints, size)]
 
 
 def _centred(fold: Fold, joints: Sequence[int]) -> Equations:

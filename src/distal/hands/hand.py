@@ -20,7 +20,7 @@ from distal.errors import CommandError, DistalError, EstimationError, did_you_me
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.power_on_routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
-from distal.inverse.goal_gate import GoalGate, by_drive
+from distal.inverse.motor_safety import GoalGate, by_drive
 from distal.logs import check_outputs, write_log
 from distal.rig import Rig, as_rig, log_factor
 from distal.rig.plausibility import KNOWN

@@ -13,7 +13,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import CommandError, LogError, did_you_mean
-from distal.inverse.goal_gate import GoalGate
+from distal.inverse.motor_safety import GoalGate
 from distal.logs import Log
 from distal.rig import Joint, Rig, Tendon, check_scales, independent_parts
 

@@ -39,8 +39,8 @@ from distal.inverse.feedforward import (
     solved,
     traced,
 )
-from distal.inverse.goal_gate import by_drive
 from distal.inverse.live_inverse import readings
+from distal.inverse.motor_safety import by_drive
 from distal.kernels import (
     Advanced,
     Feed,

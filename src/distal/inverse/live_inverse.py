@@ -36,7 +36,7 @@ from distal.inverse.feedforward import (
     least_tension_of,
     limited,
 )
-from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints, known_or
+from distal.inverse.motor_safety import GoalGate, columns_of, crossed_joints, known_or
 from distal.kernels import Layout, Structure, kernel_of, structure_of
 from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading

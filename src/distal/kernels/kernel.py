@@ -101,10 +101,6 @@ def lanes_here() -> int:
     return 4 if "avx2" in features or platform.machine() == "x86_64" else 2
 
 
-def _source(function: ca.Function) -> str:
-    return emitted(function, Lanes(lanes_here()), _BATCH)
-
-
 class LaneKernel:
     """A kernel (kernel_state, x, p) → (kernel_state⁺, y) over several runs at once. Its results are
     those of one run after the other.
@@ -115,7 +111,12 @@ class LaneKernel:
 
     def __init__(self, recipe: Recipe) -> None:
         self.lanes = lanes_here()
-        library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
+        library = library_of(
+            recipe,
+            f"{self.lanes} lanes",
+            lambda function: emitted(function, Lanes(lanes_here()), _BATCH),
+            OPTIMISED_LANES,
+        )
         self.sizes = library.sizes
         self._batch = loaded(
             library, "batch", [*4 * [ctypes.c_void_p], ctypes.c_longlong, *3 * [ctypes.c_void_p]]

@@ -1,5 +1,5 @@
-"""The limits of Coulomb friction, what friction leaves of an uncertain velocity, and the rebound of
-a body from its end stops: springs and dampers that only push.
+"""The limits of Coulomb friction at axles and along paths, what friction leaves of an uncertain
+velocity, and the rebound of a body from its end stops: springs and dampers that only push.
 
 F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0:
 equation (14), reconstructed. Its max and min are a correction: a stop only pushes, and as written
@@ -22,6 +22,7 @@ from functools import lru_cache
 import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector, symbols
+from distal.model.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,26 @@ class Limit:
     def times(self, factor: Scalar) -> Limit:
         """Return both limits multiplied by a factor ≥ 0."""
         return Limit(factor * self.up, factor * self.down)
+
+
+def axle_limit(p: Parameters, path: str, tension: Scalar) -> Limit:
+    """Return the friction limit of an axle, μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T; with e = 1
+    it is μ r_a N, equation (12) reconstructed.
+
+    Args:
+        p: parameters of the rig.
+        path: of the axle's friction in the description.
+        tension: sum of the tensions that press it, Σ T [N].
+    """
+    if f"{path}.coefficient" not in p:
+        return Limit(ca.SX(0), ca.SX(0))
+    names = ("coefficient", "radius", "preload", "reference", "exponent")
+    coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
+    load = preload + tension
+    if not ca.SX(exponent).is_one():
+        load = reference * (load / reference) ** exponent
+    limit = coefficient * radius * load
+    return Limit(limit, limit)
 
 
 def capstan_limit(tension: Scalar, wrapped: Scalar, let_out: Scalar = 1) -> Limit:

@@ -10,7 +10,7 @@ import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
-from distal.model.friction import Limit, capstan_limit, stribeck
+from distal.model.friction import Limit, axle_limit, capstan_limit, stribeck
 from distal.model.parameters import NOTHING_DERIVED, Derived
 from distal.model.tendon_tensions import Tendons
 from distal.rig import Joint, Motion, Rig, Sensor, measurand_of, part_of
@@ -176,7 +176,11 @@ class Mechanism(Tendons):
         p = self.parameters
         for i, body in enumerate(self.bodies):
             if i < self.n_joints:
-                limit = self._joint_friction(i, tensions)
+                limit = axle_limit(
+                    p,
+                    f"{body.path}.friction",
+                    sum(tensions[t] for t, joints in enumerate(self.joints_of) if i in joints),
+                )
             else:
                 limit = self._drive_friction(i, tensions if at_drives is None else at_drives)
             name = f"{body.path}.friction.stribeck"
@@ -184,24 +188,6 @@ class Mechanism(Tendons):
                 limit = limit.times(stribeck(v[i], p[f"{name}.excess"], p[f"{name}.speed"]))
             limits.append(limit)
         return limits
-
-    def _joint_friction(self, joint: int, tensions: Vector) -> Limit:
-        """Return the friction limit μ r_a N_ref (N/N_ref)^e with N = T0 + Σ T; with e = 1 it is
-        μ r_a N, equation (12) reconstructed.
-        """
-        p = self.parameters
-        path = f"joints.{joint}.friction"
-        if f"{path}.coefficient" not in p:
-            return Limit(ca.SX(0), ca.SX(0))
-        tension = sum(tensions[i] for i, joints in enumerate(self.joints_of) if joint in joints)
-        names = ("coefficient", "radius", "preload", "reference", "exponent")
-        coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
-        limit = coefficient * radius
-        if ca.SX(exponent).is_one():
-            limit = limit * (preload + tension)
-        else:
-            limit = limit * reference * ((preload + tension) / reference) ** exponent
-        return Limit(limit, limit)
 
     def _drive_friction(self, body: int, tensions: Vector) -> Limit:
         """Return the friction limits of a drive: its own friction, and that along the paths of its

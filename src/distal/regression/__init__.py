@@ -43,6 +43,7 @@ from distal.regression.least_squares import (
     splits,
     yardstick_error,
 )
+from distal.regression.pool_of_filter_and_map import ReportedMap, homed_memory, reporting_function
 from distal.regression.posterior import (
     Evidence,
     Prior,
@@ -60,7 +61,6 @@ from distal.regression.posterior import (
     shape_for,
     with_arrays,
 )
-from distal.regression.reported_map import ReportedMap, homed_memory, reporting_function
 
 __all__ = [
     "FEWEST_LOGS",

@@ -64,7 +64,6 @@ from distal.rig.plausibility import (
     range_ends,
     scales_in_words,
 )
-from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import Rig, Subsystem, contact_shape, independent_parts, parameters_below
 from distal.rig.sensors import (
     COUNTS,
@@ -82,6 +81,7 @@ from distal.rig.sensors import (
     step_of,
     travel_of,
 )
+from distal.rig.uncertain_numbers import Description, In, Parameter
 from distal.rig.validation import (
     ALL,
     angle_names,

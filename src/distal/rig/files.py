@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.learned import with_arrays
-from distal.rig.quantities import Raw
 from distal.rig.rig import Rig
+from distal.rig.uncertain_numbers import Raw
 from distal.rig.validation import parse_assignment, set_value, validated
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.rig.components import REACH
 from distal.rig.files import Guess, name_of
-from distal.rig.quantities import Raw
+from distal.rig.uncertain_numbers import Raw
 
 if TYPE_CHECKING:
     import mujoco
@@ -360,12 +360,6 @@ def kept_at(model: mujoco.MjModel, dof: int, joints: Sequence[int]) -> int:
     return int(model.dof_jntid[dof]) if dof >= 0 else -1
 
 
-def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return for each body which of the kept `joints` turns it, −1 where none does."""
-    last = [model.body_dofadr[body] + model.body_dofnum[body] - 1 for body in model.body_weldid]
-    return [kept_at(model, dof, joints) for dof in last]
-
-
 def described_joints(
     model: mujoco.MjModel,
     joints: Sequence[int],
@@ -388,7 +382,9 @@ def described_joints(
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     frame = data.xmat[model.jnt_bodyid[joints[0]]].reshape(3, 3)
-    carrier = carried_by(model, joints)
+    # for each body which of the kept joints turns it, −1 where none does
+    last = [model.body_dofadr[body] + model.body_dofnum[body] - 1 for body in model.body_weldid]
+    carrier = [kept_at(model, dof, joints) for dof in last]
     leads = {pair.follower: pair for pair in coupled}
     described = list[Raw]()
     for j in joints:

@@ -40,8 +40,8 @@ from distal.rig.mjcf_bodies import (
     turned_by,
 )
 from distal.rig.plausibility import USUAL
-from distal.rig.quantities import Raw
 from distal.rig.rig import MOST_JOINTS, Rig
+from distal.rig.uncertain_numbers import Raw
 
 if TYPE_CHECKING:
     import mujoco

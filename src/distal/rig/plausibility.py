@@ -11,9 +11,9 @@ from math import inf, radians, sqrt
 from typing import Literal
 
 from distal.errors import CommandError, RigError, did_you_mean
-from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.sensors import Sensor, drive_travel, positions_over
+from distal.rig.uncertain_numbers import In, Parameter
 from distal.rig.validation import in_words, index_of, names_in
 
 ROUGH = 0.5

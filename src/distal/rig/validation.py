@@ -17,8 +17,8 @@ from pydantic_core import ErrorDetails
 
 from distal.errors import DistalError, did_you_mean
 from distal.rig.components import KINDS as INSERTIONS
-from distal.rig.quantities import KEYS
 from distal.rig.sensors import UNITS
+from distal.rig.uncertain_numbers import KEYS
 
 
 def angle_names(joints: Sequence[str]) -> tuple[str, ...]:

@@ -39,9 +39,9 @@ from distal.rig import (
     range_ends,
     step_of,
 )
+from distal.run.exchanged_or_late import Redundancy
 from distal.run.live_estimator import LATEST, JointAngles, JointContact, LiveEstimator, Remembered
 from distal.run.offline import priors_of
-from distal.run.redundancy import Redundancy
 
 Health = Literal[
     "ok",
@@ -191,7 +191,7 @@ class Watch:
         it has been the same. For each drive's position: the share of time beyond its range. For
         each compared sensor: the mean ν²/S. The pace of the stamps. For each of the `ends`, in the
         current visit: its furthest reading, and how far the joint was beyond it [deg]. Then that of
-        the `redundancy`.
+        the `exchanged_or_late`.
         """
         n = len(self.sensors)
         return Layout(

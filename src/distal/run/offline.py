@@ -46,7 +46,7 @@ from distal.logs.log import sealed
 from distal.machine_limits import one_blas_thread
 from distal.results import Estimate
 from distal.rig import Rig, as_rig
-from distal.run.redundancy import Redundancy
+from distal.run.exchanged_or_late import Redundancy
 
 
 def samples_of(
