@@ -15,7 +15,7 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 
 from distal.rig import Description, In, Parameter, Rig
-from distal.rig.uncertain_numbers import KEYS
+from distal.rig.values_with_stds import KEYS
 from distal.simulation import Scenario
 from distal.simulation.scenario import Signal, SignalIn
 from distal.study import Study

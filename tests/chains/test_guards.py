@@ -13,7 +13,7 @@ import pytest
 from distal import load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import Robustness
-from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, TRACKED
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, TRACKED, Drive
 from distal.estimators.adaptive.guard_settings import followed_share
 from distal.estimators.adaptive.prediction import followed_variance
 from distal.estimators.adaptive.update import Residual, compared
@@ -39,7 +39,7 @@ def test_a_force_beyond_friction_counts_once_in_a_while() -> None:
     context = AdaptiveFilter(
         rig, compiled=False, robustness=Robustness(beyond_time=0.2)
     ).states.context
-    still = ca.SX([0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1e-9])
+    still = Drive(*ca.vertsplit(ca.SX([0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1e-9])))
     residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
     found = compared(context, 0, still, residual, ca.SX(0.005))
     assert at_parameters(context, found.variance) == pytest.approx(40.0 * 1e-6, rel=1e-9)

@@ -16,7 +16,7 @@ from distal.estimators import Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, uncertain_parameters
 from distal.model import Mechanism
 from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
-from distal.rig.uncertain_numbers import SMALLEST
+from distal.rig.values_with_stds import SMALLEST
 
 DIGITS = 7
 """Number of significant digits of a value in a file: far more than any log tells. Source:

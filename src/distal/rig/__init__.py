@@ -81,7 +81,6 @@ from distal.rig.sensors import (
     step_of,
     travel_of,
 )
-from distal.rig.uncertain_numbers import Description, In, Parameter
 from distal.rig.validation import (
     ALL,
     angle_names,
@@ -96,6 +95,7 @@ from distal.rig.validation import (
     torque_names,
     validated,
 )
+from distal.rig.values_with_stds import Description, In, Parameter
 
 __all__ = [
     "ALL",

@@ -17,7 +17,7 @@ import casadi as ca
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from distal.errors import UnitError
-from distal.rig.uncertain_numbers import (
+from distal.rig.values_with_stds import (
     ONE,
     ZERO,
     AngularDamping,

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from distal.errors import DistalError, DistalWarning, RigError, did_you_mean
 from distal.rig.learned import with_arrays
 from distal.rig.rig import Rig
-from distal.rig.uncertain_numbers import Raw
 from distal.rig.validation import parse_assignment, set_value, validated
+from distal.rig.values_with_stds import Raw
 
 if TYPE_CHECKING:
     from tomlkit.items import Item

@@ -17,8 +17,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.files import Guess, Imported, name_of, read_text
-from distal.rig.uncertain_numbers import AnyRadians, Description, In, Radians, Raw, TorqueConstant
 from distal.rig.validation import Checked, validated
+from distal.rig.values_with_stds import AnyRadians, Description, In, Radians, Raw, TorqueConstant
 from distal.units import to_si
 
 COUNTED = ("count", "counts")

@@ -20,7 +20,7 @@ from pydantic import ConfigDict, Field, model_validator
 from distal.arrays import Floats
 from distal.confidence import COVERED_TEXT
 from distal.errors import RigError
-from distal.rig.uncertain_numbers import Description, Raw
+from distal.rig.values_with_stds import Description, Raw
 from distal.units import rounded
 
 Row = tuple[float, ...]

@@ -28,7 +28,7 @@ from distal.arrays import Floats
 from distal.errors import RigError
 from distal.rig.components import REACH
 from distal.rig.files import Guess, name_of
-from distal.rig.uncertain_numbers import Raw
+from distal.rig.values_with_stds import Raw
 
 if TYPE_CHECKING:
     import mujoco

@@ -41,7 +41,7 @@ from distal.rig.mjcf_bodies import (
 )
 from distal.rig.plausibility import USUAL
 from distal.rig.rig import MOST_JOINTS, Rig
-from distal.rig.uncertain_numbers import Raw
+from distal.rig.values_with_stds import Raw
 
 if TYPE_CHECKING:
     import mujoco

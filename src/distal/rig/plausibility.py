@@ -13,8 +13,8 @@ from typing import Literal
 from distal.errors import CommandError, RigError, did_you_mean
 from distal.rig.rig import Rig, parameters_below
 from distal.rig.sensors import Sensor, drive_travel, positions_over
-from distal.rig.uncertain_numbers import In, Parameter
 from distal.rig.validation import in_words, index_of, names_in
+from distal.rig.values_with_stds import In, Parameter
 
 ROUGH = 0.5
 """Share of its value above which the std of a positive number means that the number is known to a

@@ -18,8 +18,8 @@ from distal.errors import RigError, UnitError, did_you_mean
 from distal.rig.components import BASE, Base, Drive, Joint, Tendon
 from distal.rig.learned import KINDS, LearnedMap, LearnedMaps, LeftOut
 from distal.rig.sensors import Sensor, in_its_unit, log_factor, measurand_of, part_of
-from distal.rig.uncertain_numbers import Description, Duration, Parameter, Rate
 from distal.rig.validation import named, set_value, validated
+from distal.rig.values_with_stds import Description, Duration, Parameter, Rate
 from distal.units import unit_factor
 
 Component = Joint | Drive | Tendon | Sensor

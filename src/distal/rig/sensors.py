@@ -18,7 +18,7 @@ from distal.confidence import BAND
 from distal.errors import UnitError, did_you_mean
 from distal.expressions import Scalar, Vector
 from distal.rig.components import REACH, Capstan, Joint, Slider, Tendon
-from distal.rig.uncertain_numbers import (
+from distal.rig.values_with_stds import (
     ONE,
     ZERO,
     AnyAngle,

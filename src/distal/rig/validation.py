@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from distal.errors import DistalError, did_you_mean
 from distal.rig.components import KINDS as INSERTIONS
 from distal.rig.sensors import UNITS
-from distal.rig.uncertain_numbers import KEYS
+from distal.rig.values_with_stds import KEYS
 
 
 def angle_names(joints: Sequence[str]) -> tuple[str, ...]:
