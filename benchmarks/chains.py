@@ -27,8 +27,7 @@ from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
-from distal.model import Mechanism, interval_step, slipping, solver, stiffest_frequency
-from distal.model import chain as coupled
+from distal.model import Mechanism, friction, interval_step, slipping, solver, stiffest_frequency
 from distal.model import stepping as model_stepping
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
@@ -318,14 +317,14 @@ def stepping() -> None:
         rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives})
     )
     fastest = stiffest_frequency(ready.plant)
-    known = motions_of([replace(ready, count=128)])[0].y[:, :3]
+    known = motions_of([replace(ready, count=128)])[0][:, :3]
     cells: list[list[str]] = [[], [], []]
     counts = (1, 2, 4, 8, 16)
     for count in counts:
         run = [replace(ready, count=count)]
         motions_of(run)  # compiles it
         begun = time.perf_counter()
-        found = motions_of(run)[0].y[:, :3]
+        found = motions_of(run)[0][:, :3]
         taken = time.perf_counter() - begun
         away = np.rad2deg(found - known)
         cells[0].append(f"{np.sqrt(np.mean(away**2)):.4f}")
@@ -420,11 +419,11 @@ def _solved(n: int, sweeps: int, events: int) -> tuple[list[ca.SX], Any, ca.SX]:
         ca.SX.sym("u", n),
         ca.SX.sym("d", n),
     )
-    before, coupled.SWEEPS = coupled.SWEEPS, sweeps
+    before, friction.SWEEPS = friction.SWEEPS, sweeps
     try:
         slip = slipping(matrix, load, up, down, events=events)
     finally:
-        coupled.SWEEPS = before
+        friction.SWEEPS = before
     return (
         [matrix, load, up, down],
         slip,

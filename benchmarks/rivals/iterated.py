@@ -115,29 +115,31 @@ def iterated_update(
     (table, function), nominal = rows_function(states), states.context.parameters(p, ["interval"])
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table):
-        compare = comparison_function(states, row.drive)
         point = ca.MX(prior)
         for _ in range(updates):
             outputs = function(point, tracks, rates, x, p)
             at, moved = ROW.parts(outputs[k]), mean - point
             slopes = dict(zip(SLOPED, ca.horzsplit(outputs[len(table) + k])))
             by_value, by_limit, by_asymmetry = (covariance.times(slopes[part]) for part in SLOPED)
-            residual = ca.vertcat(
-                *(at[part] + along(slopes[part], moved) for part in SLOPED),
-                at["variance"],
-                along(slopes["limit"], by_limit),
-                along(slopes["value"], by_value),
-                ca.MX(0) if row.drive is None else kept[row.drive],
-                at["mask"],
-            )
-            found = Comparison(*compare(residual, tracks, x[0], p))
+            now = [at[part] + along(slopes[part], moved) for part in SLOPED]
+            found = Comparison(now[0], at["variance"], 0)
+            if row.drive is not None:
+                of_limit, of_value = (
+                    along(slopes["limit"], by_limit),
+                    along(slopes["value"], by_value),
+                )
+                memory_of = kept[row.drive]
+                residual = ca.vertcat(
+                    *now, at["variance"], of_limit, of_value, memory_of, at["mask"]
+                )
+                compare = comparison_function(states, row.drive)
+                found = Comparison(*compare(residual, tracks[:, row.drive], x[0], p))
             across = found.by_limit * by_limit + found.by_asymmetry * by_asymmetry - by_value
             spread = found.by_limit * along(slopes["limit"], across)
             spread += found.by_asymmetry * along(slopes["asymmetry"], across)
             spread += found.variance - along(slopes["value"], across)
-            weight, shown = weights(
-                states.context.robustness, row.trusted, spread, found, at["mask"]
-            )
+            weigh = weights(states.context.robustness, row.trusted)
+            weight, shown = weigh(spread, found.innovation, at["mask"], found.counts)
             change = (weight * found.innovation) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted, nominal)
