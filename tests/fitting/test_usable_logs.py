@@ -124,6 +124,11 @@ def test_logs_that_tell_nothing(motor: Rig, log: Log) -> None:
         check_logs([still], motor)
     with pytest.raises(FitError, match="holds the same as"):
         check_logs([log, log], motor)
+    # what is no more than the noise of its sensor is no motion, however wide
+    noisy = motor.with_values({"sensors.motor_angle.noise": "10 deg"})
+    rest = np.random.default_rng(5).normal(0.0, np.deg2rad(10.0), len(log))
+    with pytest.raises(FitError, match=r"mine\.csv: nothing moves"):
+        check_logs([replace(log, channels={**log.channels, "motor_angle": rest})], noisy)
 
 
 def test_stamps_in_milliseconds(motor: Rig, log: Log) -> None:

@@ -28,6 +28,7 @@ from distal.logs import Log, TruthKind, check_unit, earlier, true_angles
 from distal.regression import FEWEST_LOGS, Evidence, Prior, yardstick_error
 from distal.rig import REFERENCES, Rig, angle_names
 from distal.run import estimate
+from distal.sensor_models import variance
 
 LARGEST_USUAL = 0.08
 """Lags of a camera with its driver up to this are equally likely [s]. Source: judgement."""
@@ -276,6 +277,11 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     return sorted(far) if np.median(list(spoilt.values())) > SPOILT * usual else []
 
 
+MOTION_TO_NOISE = 20.0
+"""Range of a drive's position, in standard deviations of its sensor, below which the drive counts
+as at rest. Source: judgement.
+"""
+
 SMALLEST_TURN = np.deg2rad(2.0)
 """Turn of the joint below which the drive that would cause it counts as at rest [rad]. Source:
 judgement.
@@ -356,7 +362,8 @@ def _check_motion(log: Log, rig: Rig) -> None:
         drive = rig.drive(sensor.of)
         # of the joint
         turn = span * drive.lever / rig.tendons_of(drive.name)[0].total_arm
-        moved.append(turn > SMALLEST_TURN)
+        noise = np.sqrt(variance(sensor))
+        moved.append(span > MOTION_TO_NOISE * noise and turn > SMALLEST_TURN)
     if moved and not any(moved):
         raise FitError(
             f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° "
